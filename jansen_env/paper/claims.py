@@ -52,6 +52,11 @@ class Claim(NamedTuple):
     computed: str
     verdict: str
 
+    @property
+    def name(self) -> str:
+        """Name of the claim in words, such as ``"toe paths"``."""
+        return self.key.replace("_", " ")
+
 
 Answer: TypeAlias = tuple[str, str]
 """The computed result, as text, and the verdict on the claim."""
@@ -96,7 +101,7 @@ def leg_degrees_of_freedom(_: Results) -> Answer:
     rank = (values > SINGULAR).sum(axis=-1)
     left = C.shape[-1] - int(rank.min())
     return (
-        f"24 - {rank.min()} = {left} at every crank angle; no singular value of C below "
+        f"24 - {rank.min()} = {left} at every crank angle; the smallest singular value of C is "
         f"{values.min():.2g}",
         _verdict(left == projection.DOF and rank.min() == rank.max()),
     )
@@ -115,7 +120,8 @@ def system_degrees_of_freedom(_: Results) -> Answer:
     fixed = rank(fixed_base=True)
     free = rank(fixed_base=False)
     return (
-        f"16 - {fixed} = {16 - fixed}; with the frame let go 16 - {free} = {16 - free}",
+        f"16 - {fixed} = {16 - fixed} with a fixed frame, and 16 - {free} = {16 - free} with a "
+        f"free frame",
         _verdict(fixed == 15 and free == 12),
     )
 
@@ -135,9 +141,9 @@ def torque_is_periodic(r: Results) -> Answer:
     swing = float(np.ptp(now))
     settled = r.run.torque[r.run.settled]
     return (
-        f"{peaks} peaks a turn; two turns {drift:.1e} N m apart, of a swing of {swing:.2f} N m; "
-        f"from {SETTLED:.0f} s to 10 s {settled.min():.3f} to {settled.max():.3f} N m, mean "
-        f"{settled.mean():.3f}",
+        f"{peaks} peaks per turn; torques one turn apart differ by at most {drift:.1e} N m, with a "
+        f"range of {swing:.2f} N m; from {SETTLED:.0f} s to 10 s, the torque is "
+        f"{settled.min():.3f} to {settled.max():.3f} N m, with a mean of {settled.mean():.3f} N m",
         _verdict(peaks == 2 and drift < CLOSE * swing),
     )
 
@@ -153,10 +159,11 @@ def torque_level(r: Results) -> Answer:
     two = r.two_motors.torque[settled]
     near = float((np.abs(two - abs(PRINTED_LEVEL)) <= NEAR).mean())
     return (
-        f"+{r.mean_torque:.3f} N m in the mean at a constant 1 rad/s, {mean.mean():.3f} in the "
-        f"PID's run, {back.min():.2f} to {back.max():.2f} turning the other way; each of two "
-        f"motors {two.min():.3f} to {two.max():.3f}, {100 * near:.0f} % of the time within {NEAR} "
-        f"of {abs(PRINTED_LEVEL)}",
+        f"the mean torque is {r.mean_torque:.3f} N m at a constant 1 rad/s and {mean.mean():.3f} "
+        f"N m under the PID controller; if the crank turns the other way, the torque is "
+        f"{back.min():.2f} to {back.max():.2f} N m; with two motors, the torque of each motor is "
+        f"{two.min():.3f} to {two.max():.3f} N m, and within {NEAR} N m of {abs(PRINTED_LEVEL)} "
+        f"N m for {100 * near:.0f} % of the time",
         _verdict(abs(r.mean_torque - PRINTED_LEVEL) <= CLOSE * abs(PRINTED_LEVEL)),
     )
 
@@ -172,10 +179,10 @@ def constant_torque(r: Results) -> Answer:
     fallen = [torque for torque, ripple in r.walking_ripples.items() if ripple.fell]
     every = [*fixed, slender, *walking.values()]
     return (
-        f"on a fixed base at {_list(TORQUES)} N m the speed swings by "
-        f"+-{_list(round(100 * v) for v in fixed)} %, with slender links at {TORQUES[2]} N m by "
-        f"{100 * slender:.0f} %; walking at {_list(walking)} N m by "
-        f"{_list(round(100 * v) for v in walking.values())} %, and it falls at {_list(fallen)}",
+        f"with a fixed base, the speed varies by +-{_list(round(100 * v) for v in fixed)} % at "
+        f"{_list(TORQUES)} N m, and with slender links by +-{100 * slender:.0f} % at {TORQUES[2]} "
+        f"N m; in a walk, it varies by +-{_list(round(100 * v) for v in walking.values())} % at "
+        f"{_list(walking)} N m, and the robot falls at {_list(fallen)} N m",
         _verdict(max(every) < CLOSE, min(every) < ROUGHLY),
     )
 
@@ -184,7 +191,7 @@ def toe_paths(_: Results) -> Answer:
     """Check that the mirror image of a fore leg fulfils the constraints of a back leg."""
     error = toes.mirror_error(paper_robot())
     size = f"less than {ROUNDING:g}" if error < ROUNDING else f"{error:.0e}"
-    return f"mirror images to {size} m", _verdict(error < 1e-12)
+    return f"the paths are mirror images to {size} m", _verdict(error < 1e-12)
 
 
 def stable_walking(r: Results) -> Answer:
@@ -192,8 +199,8 @@ def stable_walking(r: Results) -> Answer:
     fallen = [walk.speed for walk in r.walks if walk.fell]
     standing = [walk.speed for walk in r.walks if not walk.fell]
     return (
-        f"at constant crank speed it walks for {WALK:.0f} s at {_list(standing)} rad/s and falls "
-        f"sooner at {_list(fallen)}",
+        f"at a constant crank speed, the robot walks for {WALK:.0f} s at {_list(standing)} rad/s "
+        f"and falls earlier at {_list(fallen)} rad/s",
         _verdict(not fallen, bool(standing)),
     )
 
@@ -206,11 +213,12 @@ def toe_speeds(r: Results) -> Answer:
     walk = r.slow[FRICTIONS[0]]
     apart = float((part > CLOSE * part.max()).mean())
     return (
-        f"the standing toes part at {part.mean():.3f} m/rad in the mean and at 0 only at "
-        f"{len(zeros)} crank angles ({', '.join(f'{z:.2f}' for z in zeros)} pi); with both down "
-        f"{support.per_turn:.3f} m of slip a turn ({support.per_turn_of_points:.3f} m for toes "
-        f"without pads). A walk at {SLOW} rad/s, friction {FRICTIONS[0]}, slips {walk.slip:.3f} m, "
-        f"on one toe for {100 * walk.one_toe:.0f} % of the time",
+        f"the standing toes move apart at {part.mean():.3f} m/rad on average, and at 0 at "
+        f"{len(zeros)} crank angles ({', '.join(f'{z:.2f}' for z in zeros)} pi); with both toes on "
+        f"the ground, the slip is {support.per_turn:.3f} m per turn "
+        f"({support.per_turn_of_points:.3f} m for toes without pads); in a walk at {SLOW} rad/s "
+        f"with a friction coefficient of {FRICTIONS[0]}, the slip is {walk.slip:.3f} m per turn, "
+        f"and the robot stands on one toe for {100 * walk.one_toe:.0f} % of the time",
         _verdict(len(zeros) == 0, apart > 1.0 - ROUGHLY),
     )
 
@@ -224,12 +232,13 @@ def no_walking_without_slip(r: Results) -> Answer:
     loose = r.slow[FRICTIONS[0]]
     free = r.no_slip
     return (
-        f"at {SLOW} rad/s {loose.slip:.2f} m of slip a turn with friction {FRICTIONS[0]} and "
-        f"{grip.slip:.2f} m with {FRICTIONS[-1]}, then on one toe for {100 * grip.one_toe:.0f} % "
-        f"of the time; at {slow.speed:g} rad/s {1e3 * slow.slip_per_metre:.0f} mm a metre, at "
-        f"{fast.speed:g} rad/s {1e3 * fast.slip_per_metre:.1f}. {free.turns} turns at "
-        f"{free.speed:g} rad/s from another start: {1e3 * free.slip_per_metre:.1f} mm a metre over "
-        f"{free.turns * free.distance:.1f} m",
+        f"at {SLOW} rad/s, the slip is {loose.slip:.2f} m per turn with a friction coefficient of "
+        f"{FRICTIONS[0]}, and {grip.slip:.2f} m with {FRICTIONS[-1]}, where the robot stands on "
+        f"one toe for {100 * grip.one_toe:.0f} % of the time; with {FRICTIONS[-1]}, the slip is "
+        f"{1e3 * slow.slip_per_metre:.0f} mm per metre at {slow.speed:g} rad/s, "
+        f"{1e3 * fast.slip_per_metre:.1f} mm per metre at {fast.speed:g} rad/s, and "
+        f"{1e3 * free.slip_per_metre:.1f} mm per metre in {free.turns} turns "
+        f"({free.turns * free.distance:.1f} m) at {free.speed:g} rad/s from another start",
         _verdict(free.fell or free.slip_per_metre > NONE),
     )
 
@@ -240,8 +249,8 @@ def heave(r: Results) -> Answer:
     near = [abs(height - 0.03) < CLOSE * 0.03 for height in (four.level, *r.other_heaves.values())]
     shown = ", ".join(f"{1e3 * h:.1f} mm with {name}" for name, h in r.other_heaves.items())
     return (
-        f"{1e3 * four.level:.1f} mm kept level, {1e3 * four.standing:.1f} mm standing on both "
-        f"sides, with {four.pitch:.3f} rad of pitch; {shown}",
+        f"{1e3 * four.level:.1f} mm with a level chassis, {1e3 * four.standing:.1f} mm if the "
+        f"robot stands on a front and a rear toe and pitches by {four.pitch:.3f} rad; {shown}",
         _verdict(all(near), near[0]),
     )
 
@@ -260,9 +269,11 @@ def more_legs(r: Results) -> Answer:
     steady = all(b < a for a, b in pairwise(level.values()))
     shown = ", ".join(f"{legs}: {1e3 * height:.2f}" for legs, height in level.items())
     return (
-        f"heave in mm by number of legs: {shown}; {_list(better)} legs clearly beat two more. "
-        f"Standing on both sides, 6 legs {1e3 * standing[6]:.1f}, 24 legs "
-        f"{1e3 * standing[24]:.2f}; {_list(better_standing)} beat two more",
+        f"heave in mm by number of legs, with a level chassis: {shown}; the heave is clearly "
+        f"smaller with {_list(better)} legs than with two more; if the robot stands on a front and "
+        f"a rear toe, the heave is {1e3 * standing[6]:.1f} mm with 6 legs and "
+        f"{1e3 * standing[24]:.2f} mm with 24, and clearly smaller with {_list(better_standing)} "
+        f"legs than with two more",
         _verdict(steady and level[24] < 1e-3, level[24] < 1e-3),
     )
 
@@ -274,14 +285,15 @@ def rotation(r: Results) -> Answer:
     others = {at: link for at, link in leading.items() if link != 1}
     first = int(fixed.argmax()) == 0
     shown = ", ".join(
-        f"{r.walking_loads[at].moment.max():.1f} N m on link {link} at {at[0]:g} rad/s, friction "
-        f"{at[1]}"
+        f"on link {link} ({r.walking_loads[at].moment.max():.1f} N m) at {at[0]:g} rad/s with a "
+        f"friction coefficient of {at[1]}"
         for at, link in others.items()
     )
     return (
-        f"fixed base: link {fixed.argmax() + 1} ({fixed.max():.2f} N m; link 2 {fixed[1]:.2f}, the "
-        f"others at most {fixed[2:].max():.2f}). Walking: link 1 in {len(leading) - len(others)} "
-        f"of {len(leading)} walks; {shown or 'in all of them'}",
+        f"with a fixed base, the moment is largest on link {fixed.argmax() + 1} ({fixed.max():.2f} "
+        f"N m; link 2: {fixed[1]:.2f} N m, other links: at most {fixed[2:].max():.2f} N m) and in "
+        f"{len(leading) - len(others)} of {len(leading)} walks on link 1"
+        f"{shown and '; it is largest ' + shown}",
         _verdict(first and not others, first),
     )
 
@@ -300,10 +312,11 @@ def translation(r: Results) -> Answer:
         for (speed, mu), loads in walks.items()
     )
     return (
-        f"fixed base: link {force.argmax() + 1} ({force.max():.3f} N; link 8 {force[7]:.3f}, its "
-        f"weight {weight:.3f}); on its joints it bears {pins.on(7):.1f} N, {pins.place} "
-        f"{pins.bearing.max():.1f} N. Walking, touchdowns left out: link "
-        f"{_list(sorted(on_ground))}; most on its joints bears {' or '.join(sorted(places))}: "
+        f"with a fixed base, the sum of the forces is largest on link {force.argmax() + 1} "
+        f"({force.max():.3f} N; link 8: {force[7]:.3f} N, weight of a link: {weight:.3f} N); the "
+        f"largest force at a joint is {pins.on(7):.1f} N on link 7, and {pins.bearing.max():.1f} N "
+        f"on {pins.place}; in walks without the touchdowns, the sum is largest on link "
+        f"{_list(sorted(on_ground))}, and the force at a joint on {' or '.join(sorted(places))}: "
         f"{shown}",
         _verdict(seventh and on_ground == {7}, seventh),
     )
@@ -317,7 +330,7 @@ def _list(values: Iterable[float]) -> str:
 
 def table(claims: Iterable[Claim]) -> str:
     """Return the claims as a table in Markdown."""
-    rows = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims]
+    rows = [(f"{c.name} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims]
     # The cells contain whole sentences, so they are not padded to a common width.
     heads = "claim", "says", "computed", "verdict"
     return tabulate(rows, heads, "github", disable_numparse=True, stralign=None) + "\n"
@@ -328,6 +341,6 @@ def as_lines(claims: list[Claim]) -> str:
 
     The lines fit into 80 columns.
     """
-    lines = [f"{c.verdict:<24}{c.key.replace('_', ' ')} ({c.where})" for c in claims]
+    lines = [f"{c.verdict:<24}{c.name} ({c.where})" for c in claims]
     held = sum(c.verdict == HOLDS for c in claims)
     return "\n".join([*lines, f"{held} of {len(claims)} claims hold without a condition"])

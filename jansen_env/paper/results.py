@@ -81,7 +81,7 @@ def compute() -> Results:
         "L6 and L11 swapped": robot.with_bodies(
             rocker=robot.body("coupler"), coupler=robot.body("rocker")
         ),
-        "frame of hypot(l0, h0) = 0.32765 m": robot.with_bodies(frame=Bar(0.32765)),
+        "a frame of hypot(l0, h0) = 0.32765 m": robot.with_bodies(frame=Bar(0.32765)),
     }
     return Results(
         run=run,

@@ -22,7 +22,9 @@ from jansen_env.policies import pretrained
 
 ENV = "JansenWalkerBuilt-v0"
 folder = Path("hub")
-shutil.copytree(Path(policies.__file__).parent / ENV, folder, dirs_exist_ok=True)
+folder.mkdir(exist_ok=True)
+for name in ("ppo.json", "ppo.safetensors"):
+    shutil.copy(Path(policies.__file__).parent / ENV / name, folder)
 export("pretrained", ("onnx",), folder, name="ppo", env_id=ENV)
 policy = pretrained.load(ENV)
 about = {name: policy.description[name] for name in ("observation", "action", "training")}

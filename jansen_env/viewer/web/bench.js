@@ -7,16 +7,7 @@ import * as design from "./bench_design.js";
 import * as picture from "./bench_picture.js";
 import { loadEngine, numbersOf } from "./engine.js";
 import { robotWithLengths } from "./lengths.js";
-import {
-  angleOf,
-  assemble,
-  lengthsOf,
-  measure,
-  openingOf,
-  place,
-  prepare,
-  turnOf,
-} from "./linkage.js";
+import { angleOf, assemble, gapOf, lengthsOf, measure, place, prepare, turnOf } from "./linkage.js";
 import { evenly, legsFor } from "./path_search.js";
 import { explain } from "./terms.js";
 
@@ -78,9 +69,9 @@ function rework() {
   const lengths = { ...base.lengths, ...of.changes };
   const linkage = assemble(base, lengths);
   const turn = turnOf(linkage);
-  const opening = openingOf(linkage, turn);
-  const numbers = opening || linkage.fault ? null : measure(linkage);
-  view = { ...view, of, lengths, linkage, turn, opening, numbers };
+  const gap = gapOf(linkage, turn);
+  const numbers = gap || linkage.fault ? null : measure(linkage);
+  view = { ...view, of, lengths, linkage, turn, gap, numbers };
   showNumbers();
   showLengths();
   showMessage();
@@ -150,12 +141,12 @@ function showNumbers() {
 }
 
 /** Where a linkage does not close, in one sentence; "" if it does. */
-function faultOf({ linkage, opening }) {
+function faultOf({ linkage, gap }) {
   if (linkage.fault) return `The three sides of ${plain(linkage.fault)} form no triangle.`;
-  if (!opening) return "";
-  const { joint, whole, from, to, span } = opening;
+  if (!gap) return "";
+  const { joint, whole, from, to, span } = gap;
   const where = whole ? "at any angle" : `from ${degrees(from)} to ${degrees(to)}`;
-  const links = `${mm(opening.first)} and ${mm(opening.second)}`;
+  const links = `${mm(gap.first)} and ${mm(gap.second)}`;
   return `Joint ${joint} does not close ${where} of the crank: links of ${links} cannot span ${mm(span)}.`;
 }
 

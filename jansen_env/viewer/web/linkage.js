@@ -155,10 +155,10 @@ export function lengthsOf(design, body, places) {
 }
 
 /**
- * Where a turn does not close: the worst opening of the first dyad that does not, and angles `from`
+ * Where a turn does not close: the widest gap of the first dyad that does not, and angles `from`
  * and `to` around it, or null.
  */
-export function openingOf(linkage, turn) {
+export function gapOf(linkage, turn) {
   const { memory, leg } = linkage.design;
   const open = turn.map((sample) => sample.open);
   if (!open.some(Boolean)) return null;

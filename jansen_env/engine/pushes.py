@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.kernel import stage
+from jansen_env.engine.kernel import Floats2, kernel, stage
 from jansen_env.engine.random import number, uniform
 from jansen_env.engine.records import row_dtype
 
@@ -31,6 +31,37 @@ PUSHES = row_dtype(
 """Record of the settings of pushes."""
 
 Settings = Annotated[NDArray[np.void], PUSHES, 1]
+
+
+@kernel
+def add_push(
+    time: float, x: float, y: float, settings: Settings, count: int, schedule: Floats2
+) -> int:
+    """Add a push that starts now to a schedule, and remove the pushes that are over.
+
+    If the schedule is full, it does not change.
+
+    Args:
+        time: Time since the beginning of the episode, in s.
+        x: Impulse in x, in N s.
+        y: Impulse in y, in N s.
+        settings: Settings of the pushes, shape (1,).
+        count: Number of pushes in the schedule.
+        schedule: Scheduled pushes, see :func:`fill_pushes`, changed in place, shape (most, 3).
+
+    Returns:
+        The new number of pushes, or -1 if the schedule is full.
+    """
+    kept = 0
+    for i in range(count):
+        if schedule[i, 0] + settings[0].duration > time:
+            for k in range(3):
+                schedule[kept, k] = schedule[i, k]
+            kept += 1
+    if kept == len(schedule):
+        return -1
+    schedule[kept, 0], schedule[kept, 1], schedule[kept, 2] = time, x, y
+    return kept + 1
 
 
 @stage

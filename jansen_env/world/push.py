@@ -20,6 +20,7 @@ import numpy as np
 
 from jansen_env import checks
 from jansen_env.arrays import Array, Rows
+from jansen_env.engine import pushes as engine
 from jansen_env.engine.episode import look_up_pushes
 from jansen_env.engine.pushes import PUSHES
 from jansen_env.plants.robot_records import RobotRecords
@@ -102,21 +103,23 @@ def push_settings(push: Push | None, time_step: float) -> Rows:
     return settings
 
 
-def add_push(pushes: Array, push: Array, duration: float) -> Array:
+def add_push(pushes: Array, push: Array, settings: Rows) -> Array:
     """Return a schedule with one more push, without the pushes that are over when it starts.
 
     Args:
         pushes: Schedule of an episode, shape (k, 3); see :func:`check_schedule`.
         push: The new push, shape (3,).
-        duration: Duration of a push, in s.
+        settings: Result of :func:`push_settings`.
 
     Raises:
         ValueError: If there are already :data:`MOST_PUSHES` pushes that are not over.
     """
-    continuing = pushes[pushes[:, 0] + duration > push[0]]
-    if len(continuing) == MOST_PUSHES:
+    schedule = np.zeros((min(len(pushes) + 1, MOST_PUSHES), 3))
+    schedule[: len(pushes)] = pushes
+    count = engine.add_push(*push.tolist(), settings, len(pushes), schedule)
+    if count < 0:
         raise ValueError(f"a robot must have at most {MOST_PUSHES} pushes at once, got another one")
-    return np.concatenate([continuing, push[None]])
+    return schedule[:count]
 
 
 class Pushes:
@@ -179,7 +182,7 @@ class Pushes:
                 :data:`MOST_PUSHES` pushes that are not over.
         """
         push = check_schedule("impulse", [(start, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
-        return add_push(self.scheduled(i), push[0], float(self.settings["duration"][0]))
+        return add_push(self.scheduled(i), push[0], self.settings)
 
     def next_impulse(self) -> Array | None:
         """Return the impulse on the first robot's chassis in its next time step.

@@ -6,7 +6,7 @@ import pytest
 from jansen_env import Push
 from jansen_env.engine.episode import look_up_pushes
 from jansen_env.plants.robot_records import RobotRecords
-from jansen_env.world.push import push_settings
+from jansen_env.world.push import MOST_PUSHES, add_push, push_settings
 
 STEPS = 20  # time steps of a control step
 STEP = 1e-3  # s
@@ -112,3 +112,21 @@ def test_a_longer_schedule_keeps_those_of_other_robots():
     assert records.schedule.shape == (2, 5, 3)
     assert records.schedule[1].tolist() == [[0.1, 2.0, 3.0], *[[0.0] * 3] * 4]
     assert records.states.tolist() == np.arange(16.0).reshape(2, 8).tolist()
+
+
+def test_a_new_push_replaces_those_that_are_over():
+    """The rest keeps its order. A push is over at the end of its duration."""
+    settings = push_settings(Push(0.0, duration=0.5), STEP)
+    schedule = np.array([[0.0, 1.0, 2.0], [3.0, 3.0, 4.0], [0.5, 5.0, 6.0], [0.625, 7.0, 8.0]])
+    new = np.array([1.0, 9.0, 10.0])
+    expected = [schedule[1], schedule[3], new]
+    np.testing.assert_array_equal(add_push(schedule, new, settings), expected)
+
+
+def test_a_full_schedule_takes_a_push_once_another_one_is_over():
+    settings = push_settings(Push(0.0, duration=0.5), STEP)
+    schedule = np.tile([1.0, 0.1, 0.0], (MOST_PUSHES, 1))
+    with pytest.raises(ValueError, match=f"there are {MOST_PUSHES} pushes, must be fewer"):
+        add_push(schedule, np.array([1.25, 0.1, 0.0]), settings)
+    schedule[3, 0] = 0.5
+    assert len(add_push(schedule, np.array([1.25, 0.1, 0.0]), settings)) == MOST_PUSHES

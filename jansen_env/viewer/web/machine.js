@@ -28,7 +28,6 @@ export class Machine {
     [this.line, this.steepest] = lineOf(engine.work, terrain?.points ?? layout.flat);
     this.leg = new Leg(memory, robot);
     this.toes = robot.legs.length * this.leg.toes.length;
-    this.pushes = [];
     this.makeDesigns();
     this.makeRecord();
     this.makeMachine();
@@ -152,6 +151,7 @@ export class Machine {
     const [settings, push] = [memory.array("SETTINGS", 1), memory.array("PUSHES", 1)];
     settings.write(layout.settings);
     push.write(layout.push);
+    this.pushSettings = push;
     this.episodes = [walk, loads, torques, schedule, push, settings];
     const made = Object.entries(task.observing).map(([name, { type, shape, values }]) => [
       name,
@@ -251,7 +251,6 @@ export class Machine {
     const { memory, rows, world, machine, motions, episodes, states, robots, walk } = this;
     this.place(crankAngle);
     states.view[7] = crankSpeed;
-    this.pushes = [];
     this.noisy = this.parameters.noise_level > 0;
     robots.write({ seed: BigInt(noiseSeed), scheduled: 0 });
     walk.write({ info: { speed_command: command } });
@@ -282,9 +281,7 @@ export class Machine {
   /** Hold an action, -1 to 1, for a control step. */
   step(action) {
     if (!Number.isFinite(action)) throw new Error(`action must be finite, got ${action}`);
-    const { memory, rows, episodes, observing, pushes } = this;
-    this.robots.write({ scheduled: pushes.length });
-    this.schedule.view.set(pushes.flat());
+    const { memory, rows, episodes, observing } = this;
     this.actions.view[0] = action;
     this.queues.view.set([0n, 1n, 0n, 0n]);
     const queued = [0, this.queues, 1, rows, this.actions, this.trace, this.scratch];
@@ -311,10 +308,14 @@ export class Machine {
     memory.call("episode_observe", kernelArguments.flat());
   }
 
-  /** Push the chassis at the crank axis from now on by an impulse, N s: world/push.py. */
+  /** Push the chassis at the crank axis from now on by an impulse, N s; throw if there are too many. */
   push(x, y) {
-    if (!Number.isFinite(x + y)) throw new Error(`impulse must be finite, got ${x}, ${y}`);
-    this.pushes = [...this.pushes, [this.time, x, y]].slice(-this.numbers.MOST_PUSHES);
+    const { memory, robots, schedule, pushSettings, time } = this;
+    const before = robots.read(0, "scheduled");
+    const given = [time, x, y, pushSettings, before, schedule.at(0)];
+    const scheduled = memory.call("pushes_add_push", given);
+    if (scheduled < 0) throw new Error(`there are ${before} pushes, must be fewer`);
+    robots.write({ scheduled });
   }
 
   /** Note where the robot is: the kernels allow it a certain way from there in a step. */
@@ -324,8 +325,8 @@ export class Machine {
 
   /** All that the future depends on. */
   snapshot() {
-    const { parameters, robot, pushes, noisy, machine } = this;
-    const kept = { parameters: { ...parameters }, robot, pushes, noisy };
+    const { parameters, robot, noisy, machine } = this;
+    const kept = { parameters: { ...parameters }, robot, noisy };
     const bytes = [this.record(), this.out.bytes, machine.bytes].map((each) => each.slice());
     return { ...kept, bytes };
   }

@@ -242,9 +242,14 @@ function set(name, value) {
   showPanel();
 }
 
+/** Push all robots, or say why not. */
 function push(x, y) {
   goOn();
-  for (const walker of walkers) walker.push(x, y);
+  try {
+    for (const walker of walkers) walker.push(x, y);
+  } catch (error) {
+    say(error.message);
+  }
 }
 
 // The address.

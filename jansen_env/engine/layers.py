@@ -6,7 +6,9 @@ alone and among others.
 
 from __future__ import annotations
 
-from jansen_env.engine.kernel import Floats1, Floats2, Ints1, Ints2, kernel, stage
+import numpy as np
+
+from jansen_env.engine.kernel import Floats1, Floats2, Ints1, Ints2, Singles1, kernel, stage
 from jansen_env.engine.mathematics import expm1, tanh
 
 LINEAR, TANH, RELU, ELU = range(4)
@@ -91,6 +93,21 @@ def put_actions(
         _activate(values, out.shape[1], squash)
         for unit in range(out.shape[1]):
             out[row, unit] = values[unit]
+
+
+@kernel
+def put_commands(outputs: Floats1, largest: float, commands: Singles1) -> None:
+    """Compute the actions -1 to 1 that stand for outputs of a policy; larger outputs are clipped.
+
+    NaN stays NaN.
+
+    Args:
+        outputs: Outputs of the policy, shape (n,).
+        largest: Output for which the action is 1, such as the torque limit.
+        commands: Output, the actions, shape (n,).
+    """
+    for i in range(len(outputs)):
+        commands[i] = np.float32(_limited(outputs[i] / largest, 1.0))
 
 
 @kernel

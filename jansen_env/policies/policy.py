@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.arrays import Array, Bools
 from jansen_env.checks import one_of
+from jansen_env.engine.layers import put_commands
 from jansen_env.policies.pid import PID
 from jansen_env.robot import Robot
 from jansen_env.world.observations import Observed
@@ -118,8 +119,9 @@ class TorquePolicy:
         batch = np.atleast_2d(np.asarray(observation, dtype=float))
         starts = np.asarray(True if state is None else episode_start, dtype=bool)
         torque, state = self.controller(batch, state, np.broadcast_to(starts, len(batch)))
-        action = np.clip(torque / self.torque_limit, -1.0, 1.0).astype(np.float32)[:, None]
-        return (action if np.ndim(observation) > 1 else action[0]), state
+        actions = np.empty((len(batch), 1), np.float32)
+        put_commands(np.ascontiguousarray(torque, float), self.torque_limit, actions[:, 0])
+        return (actions if np.ndim(observation) > 1 else actions[0]), state
 
 
 def still(env: Controlled) -> TorquePolicy:

@@ -36,6 +36,7 @@ from jansen_env.engine.layers import (
     RELU,
     TANH,
     put_actions,
+    put_commands,
     put_harmonics,
     put_normalized,
 )
@@ -353,7 +354,8 @@ class PretrainedPolicy:
         if not (np.abs(batch) <= MOST_SINGLE).all():
             raise self._unusable(batch)
         outputs = self.network(np.concatenate([part(batch) for part in self.features], axis=1))
-        actions = np.clip(outputs, -1.0, 1.0).astype(np.float32)
+        actions = np.empty(outputs.shape, np.float32)
+        put_commands(outputs.ravel(), 1.0, actions.reshape(-1))
         if not np.isfinite(actions).all():
             raise ValueError("action must be finite, got nan: an observation is far out of range")
         return (actions if x.ndim == 2 else actions[0]), state

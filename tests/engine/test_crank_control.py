@@ -5,7 +5,7 @@ import pytest
 
 from jansen_env.engine.contact_frames import AIR, GRIP, SLIP, put_contacts
 from jansen_env.engine.crank_control import put_nearest_settings, put_reference_errors
-from jansen_env.engine.layers import put_normalized
+from jansen_env.engine.layers import put_commands, put_normalized
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.policies.pid import PID
 
@@ -59,6 +59,14 @@ def test_normalised_observations_are_clipped_and_nan_stays(rng):
     put_normalized(values, mean, deviation, 0.7, out)
     np.testing.assert_array_equal(out, np.clip((values - mean) / deviation, -0.7, 0.7))
     assert np.isnan(out[2, 1]) and np.isfinite(out).sum() == 14
+
+
+def test_outputs_become_actions_that_are_clipped():
+    outputs = np.array([-30.0, -6.0, 0.0, 1.0, 12.0, np.inf, np.nan])
+    commands = np.empty(7, np.float32)
+    put_commands(outputs, 12.0, commands)
+    expected = np.clip(outputs / 12.0, -1.0, 1.0).astype(np.float32)
+    np.testing.assert_array_equal(commands, expected)
 
 
 def test_contacts_are_lifted_stick_or_slide():

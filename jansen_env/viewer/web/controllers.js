@@ -7,7 +7,13 @@
 import { numbersOf } from "./engine.js";
 
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
-const limited = (value, most) => Math.max(-most, Math.min(most, value));
+
+/** The action that stands for a controller's output, which is at most `largest`. */
+function actionFor(memory, outputs, largest) {
+  const action = memory.array("f4", 1);
+  memory.call("layers_put_commands", outputs, largest, action);
+  return action.view[0];
+}
 
 /** The controller of a name in `data.controllers` for a machine. */
 export function controllerNamed(data, name, machine) {
@@ -90,7 +96,7 @@ class Steady {
       const given = [filled(...gains), error, rate, limits, sum, torque].flat();
       memory.call("crank_control_put_pid_torques", given);
       this.memory = { turned: [...kept.view], integral: sum.view[0] };
-      return Math.fround(limited(torque.view[0] / torqueLimit, 1));
+      return actionFor(memory, torque, torqueLimit);
     });
   }
 }
@@ -125,14 +131,14 @@ class Policy {
     const { policy, out } = this;
     const { observation, memory } = this.machine;
     const seen = this.columns.map((column) => observation[column]);
-    memory.scratch(() => {
+    return memory.scratch(() => {
       const values = policy.features.flatMap((feature) => this.feature(feature, seen));
       const inputs = memory.filled("f8", values, 1, values.length);
       const limit = policy.limit ?? Number.POSITIVE_INFINITY;
       const network = [this.layers, this.weights, limit, policy.squash, this.work, out];
       memory.call("layers_put_actions", inputs, network);
+      return actionFor(memory, out.at(0), 1);
     });
-    return Math.fround(limited(out.view[0], 1));
   }
 
   feature({ multiples, clip }, seen) {

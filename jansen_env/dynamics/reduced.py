@@ -141,7 +141,8 @@ def _compile(robot: Robot) -> Tables:
     pads = np.empty((len(leg["pads"]), INTERVALS, ORDER, 3))
     bearings = np.empty(BEARING_SAMPLES)
     springs = np.empty((1, INTERVALS, ORDER, 1))
-    constants = _expansion(), _turn(SAMPLES), _turn(INTERVALS), _half_step(), _turn(BEARING_SAMPLES)
+    half_steps = _turn(2 * INTERVALS)
+    constants = _expansion(), _turn(SAMPLES), _turn(INTERVALS), half_steps, _turn(BEARING_SAMPLES)
     tail = compile_tables(
         psi, x, joints, tuple(leg.values()), constants, space, body, pads, bearings, springs
     )
@@ -217,12 +218,6 @@ def _turn(count: int) -> Array:
     turn = np.empty((2, count))
     put_turn(turn)
     return turn
-
-
-@functools.cache
-def _half_step() -> Array:
-    """Return cosines and sines of multiples of half an interval, shape (2, HARMONICS)."""
-    return np.ascontiguousarray(_turn(2 * INTERVALS)[:, :HARMONICS])
 
 
 @functools.cache

@@ -183,7 +183,7 @@ def expand(series, weights, half_step, turn, work, factor, out):
         series: The series, shape (2, harmonics, functions).
         weights: Coefficients of exp(i n psi) about 0, shape (order, harmonics): coefficient k is
             i^k weights[k, n].
-        half_step: Cosine and sine of n times half an interval, shape (2, harmonics).
+        half_step: Cosine and sine of n times half an interval, shape (2, harmonics or more).
         turn: Cosines and sines of the angles that divide a turn into the intervals, shape
             (2, intervals).
         work: Work space, see :func:`analyse`, for as many samples as there are intervals.

@@ -337,12 +337,10 @@ function compileIn(memory, leg) {
     leg.links, pairs(linkage.damped), memory.filled("f8", damping), pairs(linkage.bearings),
     memory.filled("f8", friction), ...springsOf(memory, leg.robot), leg.legs, leg.pads,
   ]; // biome-ignore format: in the kernel's order
-  const halves = turn(2 * INTERVALS).view.slice(); // at multiples of half an interval
-  const ways = [0, 2 * INTERVALS].map((start) => [...halves.slice(start, start + HARMONICS)]);
   const expansion = numbersOf(layout.expansion, Float64Array);
   const constants = [
     memory.filled("f8", expansion, ORDER, HARMONICS), turn(SAMPLES), turn(INTERVALS),
-    memory.rows("f8", ways), turn(BEARING_SAMPLES),
+    turn(2 * INTERVALS), turn(BEARING_SAMPLES),
   ]; // biome-ignore format: likewise
   const pads = leg.pads.shape[0];
   const body = memory.array("f8", 1, INTERVALS, ORDER, layout.numbers.BODY_SUMS);

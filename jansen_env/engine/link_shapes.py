@@ -325,14 +325,16 @@ def _between(a, b):
 
 @kernel
 def frame_angle_of(places: Floats2, corners: Floats2) -> float:
-    """Return the angle of a frame in the chassis, in rad.
+    """Return the angle of a frame in the chassis, from -pi to pi rad.
 
     Args:
         places: Positions of the frame's joints, in m, shape (joints, 2). Only the first two count.
         corners: Output of :func:`put_link_corners` for the frame, shape (joints, 2).
     """
     half, turn = edge_turn(corners[0], corners[1])
-    return mathematics.atan2(places[1, 1] - places[0, 1], places[1, 0] - places[0, 0]) + half + turn
+    x, y = places[1, 0] - places[0, 0], places[1, 1] - places[0, 1]
+    angle = mathematics.atan2(y, x) + half + turn
+    return angle - 2.0 * math.pi * mathematics.nearest(angle / (2.0 * math.pi))
 
 
 @stage

@@ -151,7 +151,7 @@ export function lengthsOf(design, body, places) {
   const frame = memory.scratch(() =>
     memory.call("link_shapes_frame_angle_of", memory.rows("f8", places), design.leg.corners.at(0)),
   );
-  return { ...given, frame_angle: frame - TURN * Math.round(frame / TURN) };
+  return { ...given, frame_angle: frame };
 }
 
 /**

@@ -46,6 +46,7 @@ BUILDERS = ("llvmlite", "numba", "ziglang")
 
 # Types of the array arguments of kernels. The digit is the number of axes.
 Bools1 = Annotated[NDArray[np.bool_], np.dtype(bool), 1]
+Bools2 = Annotated[NDArray[np.bool_], np.dtype(bool), 2]
 Ints1 = Annotated[NDArray[np.int64], np.dtype("i8"), 1]
 Ints2 = Annotated[NDArray[np.int64], np.dtype("i8"), 2]
 Words1 = Annotated[NDArray[np.uint64], np.dtype("u8"), 1]

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.robot import Robot
+import numpy as np
+
+from jansen_env.arrays import Array, Bools, Rows
+from jansen_env.engine.cutting import CUTTING
+from jansen_env.robot import Robot, buildable
 from jansen_env.robot.buildable import ALUMINIUM, Build
 from jansen_env.robot.linkage import CRANK, FRAME
 
@@ -52,3 +56,48 @@ def feet_of(robot: Robot, body: int) -> list[str]:
     """
     toes = robot.linkage.all_pads[: len(robot.linkage.toes)]
     return [robot.linkage.joints[joint] for joint, index in toes if index == body - 1]
+
+
+def hole_rows(robot: Robot) -> tuple[Array, Bools]:
+    """Return the arrays from which the engine computes the holes of a leg's links.
+
+    See :func:`jansen_env.engine.cutting.put_holes`.
+
+    Returns:
+        The radius of each joint's hole in each body, in mm, and whether each joint of each body is
+        a toe whose tread the body carries. Both have the shape (bodies, most joints).
+    """
+    joints = [letters for _, letters in robot.linkage.bodies]
+    shape = len(joints), max(map(len, joints))
+    radii, feet = np.zeros(shape), np.zeros(shape, bool)
+    for k, letters in enumerate(joints):
+        holes, toes = pin_hole_radii(robot, k + 1), feet_of(robot, k + 1)
+        radii[k, : len(letters)] = [holes.get(joint, 0.0) for joint in letters]
+        feet[k, : len(letters)] = [joint in toes for joint in letters]
+    return radii, feet
+
+
+def cutting_row(robot: Robot, sheet: tuple[float, float] = (math.inf, math.inf)) -> Rows:
+    """Return the sizes by which a robot's parts are cut.
+
+    Args:
+        robot: Robot whose parts are cut.
+        sheet: Longer and shorter side of the sheets, in mm.
+
+    Returns:
+        Record of type ``CUTTING``, in mm, shape (1,).
+    """
+    build = robot.build
+    has_shoes = build is ALUMINIUM
+    row = np.zeros(1, CUTTING)
+    row["wall"] = WALL
+    row["frame_width"], row["width"] = 1e3 * build.frame_width, 1e3 * build.width
+    row["outline"] = buildable.OUTLINE
+    row["hub_reach"], row["hub_radius"] = 1e3 * build.hub_screws, M3
+    row["foot_screws"], row["foot_radius"] = (2, SHOE_SCREW) if has_shoes else (1, M3)
+    apart, behind = SHOE_SCREWS
+    row["apart_first"], row["apart_second"] = apart
+    row["behind_first"], row["behind_second"] = behind
+    row["parallel"] = PARALLEL
+    row["sheet_length"], row["sheet_width"] = (side - 2.0 * MARGIN for side in sheet)
+    return row

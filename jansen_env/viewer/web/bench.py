@@ -8,12 +8,10 @@ from pathlib import Path
 
 from jansen_env.files import write_text
 from jansen_env.robot import ROBOTS, Robot, part_sizes
-from jansen_env.robot.buildable import ALUMINIUM, OUTLINE
 from jansen_env.robot.designs import built_parts_of, is_of_built_parts
 from jansen_env.robot.lengths import is_signed, length_names, lengths
-from jansen_env.robot.part_sizes import MARGIN
 from jansen_env.robot.robot_file import robot_to_json
-from jansen_env.viewer.web.engine_data import RUNS, engine_of_page
+from jansen_env.viewer.web.engine_data import RUNS, engine_of_page, values_of
 from jansen_env.viewer.web.page import page_of
 
 # Size of a sheet, in m, by the material of the robot.
@@ -49,34 +47,22 @@ def bench_designs(robots: Mapping[str, Robot] | None = None) -> dict[str, dict[s
 
 
 def cutting_of(robot: Robot) -> dict[str, object]:
-    """Return the data with which ``cutting.js`` checks whether a robot's parts can be cut.
+    """Return the data with which the engine checks whether a robot's parts can be cut.
 
     Args:
         robot: Robot whose parts are cut.
 
     Returns:
-        The material of the robot, and sizes of its parts and their holes, in m.
+        The material of the robot, and the arguments of
+        :func:`jansen_env.engine.cutting.find_uncut`.
     """
-    build, bodies = robot.build, range(1, len(robot.bodies) + 1)
-    shoe = build is ALUMINIUM
+    length, width = SHEETS[robot.material]
+    radii, feet = part_sizes.hole_rows(robot)
     return {
-        "material": build.material,
-        "holes": [
-            {joint: 1e-3 * radius for joint, radius in part_sizes.pin_hole_radii(robot, k).items()}
-            for k in bodies
-        ],
-        "feet": [part_sizes.feet_of(robot, k) for k in bodies],
-        "hub": {"away": build.hub_screws, "radius": 1e-3 * part_sizes.M3},
-        "foot": {
-            "radius": 1e-3 * (part_sizes.SHOE_SCREW if shoe else part_sizes.M3),
-            "away": [[1e-3 * x for x in pair] for pair in part_sizes.SHOE_SCREWS] if shoe else [],
-            "parallel": part_sizes.PARALLEL,
-        },
-        # The radius of a plate's inscribed circle is at most half of the plate's height.
-        "rim": (OUTLINE - 1.0) / 2.0,
-        "wall": 1e-3 * part_sizes.WALL,
-        "sheet": [side - 2e-3 * MARGIN for side in SHEETS[robot.material]],
-        "widths": [build.frame_width, build.width],
+        "material": robot.build.material,
+        "radii": radii.tolist(),
+        "feet": feet.tolist(),
+        "sizes": values_of(part_sizes.cutting_row(robot, (1e3 * length, 1e3 * width))[0]),
     }
 
 

@@ -138,16 +138,6 @@ export class Memory {
     return Number(this.exports[symbol](BigInt(this.slots.address)));
   }
 
-  /** Cosines and sines of angles, rad, as the engine has them: two arrays. */
-  directions(angles) {
-    return this.scratch(() => {
-      const out = this.array("f8", angles.length, 2);
-      this.call("mathematics__put_directions", this.filled("f8", angles), out);
-      const { view } = out;
-      return [0, 1].map((k) => tabulate(angles.length, (i) => view[2 * i + k]));
-    });
-  }
-
   /** Angles of vectors, rad, in (-pi, pi]. */
   angles(x, y) {
     return this.scratch(() => {

@@ -28,8 +28,8 @@ export function robotWithLengths({ work }, data, base, changed) {
 }
 
 /**
- * Return an object that changes the lengths of a leg's links in its memory: {links, points, resize,
- * inertiaOf}. `resize` returns the body whose sides form no triangle, or -1.
+ * Return an object that changes the lengths of a leg's links in its memory: {links, points, resize}.
+ * `resize` returns the body whose sides form no triangle, or -1.
  */
 export function resizer(memory, leg, { names, lengths: known, parts, robot }) {
   const most = Math.max(...names.map((ofBody) => ofBody.length));
@@ -54,5 +54,5 @@ export function resizer(memory, leg, { names, lengths: known, parts, robot }) {
       memory.call("link_shapes_put_built_parts", links, points, built, robot.legs.length, build);
     return fault;
   };
-  return { links, points, resize, inertiaOf: (k) => links.read(k, "inertia") };
+  return { links, points, resize };
 }

@@ -1,7 +1,7 @@
 // Computes and measures a leg over a turn of its crank with the engine's kernels.
 //
 // bench.py writes a design: {robot: content of its robot file, names: names of the lengths of each body,
-// lengths: {name: value}, parts: which built part each body is, or null}. `prepare` adds its arrays. In
+// lengths: {name: value}, parts: which built part each body is, or null, cutting: how they are cut}. `prepare` adds its arrays. In
 // the chassis frame, the crank axis is at the origin, and the robot walks towards +x. Units are metres
 // and radians.
 
@@ -126,17 +126,6 @@ export function pathsOf(linkage, count, leastSine) {
   });
 }
 
-/** Return the joints [x, y] of a body by name, in axes that turn with the body. */
-export function pointsOf(linkage, body) {
-  const { memory, leg } = linkage.design;
-  load(linkage);
-  const corners = leg.corners.at(body).pairs();
-  const [cos, sin] = memory.directions(corners.map(([, angle]) => angle));
-  const { joints } = linkage.bodies[body];
-  const pointOf = (k) => [corners[k][0] * cos[k], corners[k][0] * sin[k]];
-  return new Map([...joints].map((joint, k) => [joint, pointOf(k)]));
-}
-
 /** Return the lengths of a body by name, from its joints' places; for the frame also its angle. */
 export function lengthsOf(design, body, places) {
   const { memory, names, robot, lengths } = design;
@@ -206,9 +195,20 @@ export function measure(linkage) {
   });
 }
 
-/** Return whether a built part of a design is too small to balance the mass of its foot. */
-export function isTooHeavy(linkage, body) {
-  const { design } = linkage;
-  load(linkage);
-  return Boolean(design.parts) && design.resizer.inertiaOf(body) < 0;
+/** Return the name of a body of a design that cannot be cut with some lengths; "" if all can. */
+export function uncut(design, lengths) {
+  const linkage = assemble(design, lengths);
+  if (linkage.fault) return linkage.fault;
+  const { leg, memory, resizer: resized, cutting } = design;
+  const body = memory.scratch(() => {
+    const radii = memory.rows("f8", cutting.radii);
+    const feet = memory.rows("b1", cutting.feet);
+    const sizes = memory.array("CUTTING", 1);
+    sizes.write(cutting.sizes);
+    const most = leg.members.shape[1];
+    const work = [memory.array("f8", most + 1, 2), memory.array("f8", 2 * most + 2, 3)];
+    const ofParts = [leg.members, leg.corners, radii, feet, sizes];
+    return memory.call("cutting_find_uncut", resized.links, ofParts, work);
+  });
+  return linkage.bodies[body]?.name ?? "";
 }

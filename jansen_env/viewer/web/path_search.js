@@ -4,8 +4,7 @@
 // start. First linkages of random lengths are compared, then the nearest of them are fitted by
 // Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2006, section 10.3).
 
-import { uncut } from "./cutting.js";
-import { assemble, pathsOf } from "./linkage.js";
+import { assemble, pathsOf, uncut } from "./linkage.js";
 import { Random } from "./random_numbers.js";
 
 export const POINTS = 64; // of a path

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import cmath
 from collections.abc import Sequence
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from jansen_env.engine.cutting import find_thin_wall, margin_of, put_holes
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
@@ -20,11 +21,10 @@ from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_env.robot.part_sizes import (
     M3,
-    PARALLEL,
-    SHOE_SCREW,
-    SHOE_SCREWS,
     WALL,
+    cutting_row,
     feet_of,
+    hole_rows,
     pin_hole_radii,
     radii,
 )
@@ -161,15 +161,10 @@ def link_part(robot: Robot, body: int) -> CutPart:
     corners = [cmath.rect(1e3 * reach, turn) for reach, turn in robot.bodies[body - 1].corners]
     at = dict(zip(joints, corners, strict=True))
     flat = Round(hull(corners))
-    holes = _pin_holes(robot, body, at)
+    holes = _holes(robot, body, corners)
     feet = [at[toe] for toe in feet_of(robot, body)]
-    for toe in feet:
-        holes += _shoe_holes(toe, flat.corners) if build is ALUMINIUM else [Round((toe,), M3)]
-    if body == CRANK:  # extend the crank beyond the axis for the hub's second screw
-        axis = at[joints[0]]
-        screw = 1e3 * build.hub_screws * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
-        holes += [Round((axis + way * screw,), M3) for way in (1, -1)]
-        flat = Round(hull([*corners, axis - screw]))
+    if body == CRANK:  # extend the crank beyond the axis to the hub's second screw
+        flat = Round(hull([*corners, *holes[-1].corners]))
     if body == FRAME:
         holes += _mount_holes(robot, at)
     _check_walls(name, holes)
@@ -191,13 +186,15 @@ def link_part(robot: Robot, body: int) -> CutPart:
 
 def _check_walls(name: str, holes: Sequence[Round]) -> None:
     """Raise ValueError if two holes of the part ``name`` are too close to one another."""
-    for hole, other in combinations(holes, 2):
+    rows = [(hole.corners[0].real, hole.corners[0].imag, hole.radius) for hole in holes]
+    pair = np.empty(2, np.int64)
+    if find_thin_wall(np.array(rows), WALL, pair):
+        hole, other = (holes[k] for k in pair)
         apart = abs(other.corners[0] - hole.corners[0])
-        if apart < hole.radius + other.radius + WALL:
-            raise ValueError(
-                f"holes of {name} must have {WALL:g} mm between them, got holes of "
-                f"{2 * hole.radius:g} and {2 * other.radius:g} mm at {apart:.1f} mm from each other"
-            )
+        raise ValueError(
+            f"holes of {name} must have {WALL:g} mm between them, got holes of "
+            f"{2 * hole.radius:g} and {2 * other.radius:g} mm at {apart:.1f} mm from each other"
+        )
 
 
 def _thickness_and_margin(robot: Robot, body: int, flat: Round) -> tuple[float, float]:
@@ -209,10 +206,10 @@ def _thickness_and_margin(robot: Robot, body: int, flat: Round) -> tuple[float, 
         flat: Convex hull of the joints.
     """
     build = robot.build
-    margin = 500.0 * (build.frame_width if body == FRAME else build.width)
+    width = 1e3 * (build.frame_width if body == FRAME else build.width)
+    margin = margin_of(width, flat.area, flat.around, built.OUTLINE)
     if len(flat.corners) > 2:
-        least = (built.OUTLINE - 1.0) * 2.0 * flat.area / flat.around
-        return build.plate_thickness, max(margin, least)
+        return build.plate_thickness, margin
     if robot.linkage.names[body - 1] == "lower_rod":
         return build.lower_rod_thickness, margin
     return build.bar_thickness, margin
@@ -244,13 +241,24 @@ def _name_line(
     return start, end
 
 
-def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
-    """Return the holes of a body's joints, at the points ``at``."""
+def _holes(robot: Robot, body: int, points: Sequence[complex]) -> list[Round]:
+    """Return the holes of a body for its joints, its feet and the hub, in this order.
+
+    Args:
+        robot: Robot that the link belongs to.
+        body: Number of the body, from 1 on.
+        points: Positions of its joints, in mm.
+    """
     pin, *_ = radii(robot.build)
-    return [
-        Round((at[joint],), radius, "slide" if radius == pin else "press")
-        for joint, radius in pin_hole_radii(robot, body).items()
-    ]
+    of_joints, feet = hole_rows(robot)
+    of_pins = pin_hole_radii(robot, body).values()
+    rows = np.empty((2 * len(points) + 2, 3))
+    places = np.array([(z.real, z.imag) for z in points])
+    count = put_holes(body - 1, places, of_joints, feet, cutting_row(robot), rows)
+    fits = ["slide" if radius == pin else "press" for radius in of_pins]
+    fits += ["clear"] * (count - len(fits))
+    holes = zip(rows[:count].tolist(), fits, strict=True)
+    return [Round((complex(x, y),), radius, fit) for (x, y, radius), fit in holes]
 
 
 def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
@@ -263,20 +271,6 @@ def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
     way = (pivot - axis) / abs(pivot - axis)
     radius = SIZES[robot.build.screw].clearance
     return [Round((axis + reach * way,), radius) for reach in mount_of(robot.build).screws]
-
-
-def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
-    """Return the two holes for the screws of a shoe.
-
-    The holes lie on the lines from the toe to the neighbouring corners. If the angle between these
-    lines is at most :data:`PARALLEL`, the holes lie behind one another.
-    """
-    near = [q if p == toe else p for p, q in sides(corners) if toe in (p, q)]
-    ways = [z - toe for z in near or corners[:2]]
-    apart = abs(cmath.phase(ways[0] / ways[1])) > PARALLEL
-    reaches = SHOE_SCREWS[0] if apart else SHOE_SCREWS[1]
-    points = [toe + reach * way / abs(way) for reach, way in zip(reaches, ways, strict=True)]
-    return [Round((z,), SHOE_SCREW) for z in points]
 
 
 def _windows(

@@ -21,11 +21,11 @@ from itertools import pairwise
 import numpy as np
 
 from jansen_env.arrays import Array
-from jansen_env.checks import finite, invalid, listed, named_errors, positive, shown
+from jansen_env.checks import invalid, listed, named_errors, shown
 from jansen_env.engine.link_shapes import put_lengths, resize
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
-from jansen_env.robot.links import Bar, Link, Plate, Triangle, within_a_turn
-from jansen_env.robot.robot import LONGEST, Robot
+from jansen_env.robot.links import LENGTH, PLACE, Bar, Link, Plate, Triangle, within_a_turn
+from jansen_env.robot.robot import Robot
 from jansen_env.robot.robot_arrays import NUMBERS, leg_links
 
 
@@ -79,14 +79,11 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
         raise invalid("a key of lengths", unknown[0], f"one of {allowed}")
     new = {**known}
     for name, value in changed.items():
-        new[name] = (finite if is_signed(name) else positive)(f"lengths[{name!r}]", value)
         if name == "frame_angle":
-            within_a_turn(f"lengths[{name!r}]", value)
-        elif abs(new[name]) > LONGEST:
-            raise ValueError(
-                f"lengths[{name!r}] must be at most {LONGEST:g} m, got {new[name]:g} m; lengths "
-                "are in metres"
-            )
+            new[name] = within_a_turn(f"lengths[{name!r}]", value)
+        else:
+            limits = PLACE if is_signed(name) else LENGTH
+            new[name] = limits.check(f"lengths[{name!r}]", value)
     resized = _resized(robot, known, new)
     return replace(resized, frame_angle=new["frame_angle"])
 

@@ -32,11 +32,14 @@ Side = Literal["fore", "back"]
 
 CRANK_RADIUS = 0.10834  # the paper's L2, in m
 MOST_PHASES = 100  # largest number of crank pins
+LONGEST = 1e3  # largest length, in m
 LARGEST = 1e6  # largest mass, inertia, friction, gear ratio and angle, SI units; beyond any robot
 STIFFEST = 1e20  # largest stiffness (N/m) and damping (N s/m) of a compliant pad
 
 ANGLE = Limits(-2.0 * math.pi, 2.0 * math.pi, note="angles are in radians")
 LESS_THAN_A_TURN = Limits(0.0, math.nextafter(ANGLE.most, 0.0), note=ANGLE.note)
+LENGTH = Limits(0.0, LONGEST, above=True, note="lengths are in metres")
+PLACE = Limits(-LONGEST, LONGEST, note=LENGTH.note)
 COORDINATE = Limits(-LARGEST, LARGEST)
 SIZE = Limits(0.0, LARGEST)
 STIFFNESS = Limits(0.0, STIFFEST, above=True, infinite=True)
@@ -46,18 +49,24 @@ Positive: TypeAlias = Annotated[float, Limits(0.0, above=True)]
 Mass: TypeAlias = Annotated[float, Limits(0.0, LARGEST, above=True)]
 Size: TypeAlias = Annotated[float, SIZE]
 Angle: TypeAlias = Annotated[float, ANGLE]
+Length: TypeAlias = Annotated[float, LENGTH]
+Place: TypeAlias = tuple[Annotated[float, PLACE], Annotated[float, PLACE]]
 Point: TypeAlias = tuple[Annotated[float, COORDINATE], Annotated[float, COORDINATE]]
 
 
-def point(name: str, value: object) -> tuple[float, float]:
+def point(name: str, value: object, limits: Limits = COORDINATE) -> tuple[float, float]:
     """Return a point as two floats.
 
+    Args:
+        name: Name of the point, for error messages.
+        value: The point.
+        limits: Limits of both coordinates, in m.
+
     Raises:
-        ValueError: If the value is not a pair of numbers whose magnitudes are at most
-            :data:`LARGEST`.
+        ValueError: If the value is not a pair of numbers within the limits.
     """
     x, y = checks.entries(name, value, "two numbers (x, y)", 2)
-    return COORDINATE.check(name, x), COORDINATE.check(name, y)
+    return limits.check(name, x), limits.check(name, y)
 
 
 def within_a_turn(name: str, value: object) -> float:
@@ -132,7 +141,7 @@ class Bar(RigidLink):
         ValueError: If a value is out of range.
     """
 
-    length: Positive
+    length: Length
     mass: Mass = 0.1
     inertia: Size = 0.1
 
@@ -167,9 +176,9 @@ class Triangle(RigidLink):
         ValueError: If a value is out of range.
     """
 
-    d: Positive
-    l: Positive  # noqa: E741 - the paper's symbol
-    h: Positive
+    d: Length
+    l: Length  # noqa: E741 - the paper's symbol
+    h: Length
     alpha: Positive
     gamma: Positive
     mass: Mass = 0.1
@@ -244,7 +253,7 @@ class Plate(RigidLink):
             range.
     """
 
-    points: tuple[Point, ...]
+    points: tuple[Place, ...]
     mass: Mass = 0.1
     inertia: Size = 0.1
 
@@ -253,7 +262,7 @@ class Plate(RigidLink):
     def __post_init__(self) -> None:
         check_limits(self)
         given = checks.entries("Plate.points", self.points, "a point (x, y) for each joint")
-        points = [point("Plate.points", place) for place in given]
+        points = [point("Plate.points", place, PLACE) for place in given]
         if len({*points}) != len(points) or len(points) < 2:
             raise ValueError(f"Plate.points must be at least two different points, got {points}")
         object.__setattr__(self, "points", tuple(points))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Any
 
-from jansen_env.checks import Limits, check_limits, entries, instance, invalid, one_of, set_checked
+from jansen_env.checks import check_limits, entries, instance, invalid, one_of, set_checked
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.buildable import BUILDS, Build
 from jansen_env.robot.linkage import JANSEN, Linkage
@@ -18,6 +18,7 @@ from jansen_env.robot.links import (
     Bar,
     Compliance,
     Leg,
+    Length,
     Link,
     Payload,
     Size,
@@ -28,8 +29,6 @@ from jansen_env.robot.links import (
 from jansen_env.robot.motor import IDEAL, Motor
 from jansen_env.robot.spring import AnySpring, Spring, TorsionSpring, check_spring
 
-LONGEST = 1e3  # largest length, in m
-REACH = Limits(-LONGEST, LONGEST, note="lengths are in metres")
 MOST_PADS = 1200  # largest number of pads of all legs; their contact problem reserves 1.5 GB
 
 PAPER_BODIES = (
@@ -81,7 +80,7 @@ class Robot:
     frame_angle: Angle = atan2(0.04632, 0.32436)
     damping: tuple[Size, ...] = (0.1,) * len(JANSEN.damped)
     legs: tuple[Leg, ...] = field(default_factory=lambda: phased_legs(2))
-    pad_radius: Annotated[float, Limits(0.0, LONGEST, above=True)] = 0.01
+    pad_radius: Length = 0.01
     payload: Payload = Payload()
     motor: Motor = IDEAL
     pad_compliance: Compliance = RIGID
@@ -126,8 +125,6 @@ class Robot:
                 kinds = {2: "a Bar", 3: "a Triangle"}.get(len(joints), "a Plate")
                 allowed = f"{kinds} or a Plate with joints {joints}"
                 raise invalid(f"Robot.bodies: {name}", body, allowed)
-            farthest = max(abs(radius) for radius, _ in body.corners)
-            REACH.check(f"Robot.bodies: of {name}, a joint's distance", farthest)
         object.__setattr__(self, "bodies", tuple(bodies))
 
     def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:

@@ -71,7 +71,10 @@ def test_a_longer_rod_is_heavier_in_its_own_material():
         (3, r"lengths must be a dictionary with some of .*, got 3"),
         ({"rocker": -1.0}, r"lengths\['rocker'\]"),
         ({"rocker": math.nan}, r"lengths\['rocker'\]"),
-        ({"rocker": 1e9}, r"lengths\['rocker'\] must be at most 1000 m, got 1e\+09 m"),
+        (
+            {"rocker": 1e9},
+            r"lengths\['rocker'\] must be .* 1000; lengths are in metres, got 1000000000.0",
+        ),
         ({"rocker": 240}, r"lengths\['rocker'\] of 240 m: rocker would .* lengths are in metres"),
         ({"frame_angle": 11.6}, r"lengths\['frame_angle'\] .* 11.6 degrees are 0.2025 rad"),
         ({"foot_CE": 5.0}, "lengths of foot: .* form no triangle"),

@@ -120,7 +120,7 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "legs": [{"is": "Leg", "side": "back", "phase": 1}],
         },
-        "a joint's distance must be at most 1000 m": {
+        r"bodies\[0\].length must be .* at most 1000; lengths are in metres": {
             **paper,
             "bodies": [{**long, "length": 3e3}, *paper["bodies"][1:]],
         },

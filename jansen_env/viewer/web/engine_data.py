@@ -57,7 +57,7 @@ NUMBERS = {
     collision: "SPECULATIVE_MARGIN",
     push: "MOST_PUSHES",
     walker_env: "FASTEST_COMMAND",
-    robot: "LONGEST MOST_PADS",
+    robot: "MOST_PADS",
 }
 OF_PAGES = (pcg64, contact_frames, crank_control)
 """Modules of the engine that pages use. Importing a module registers its kernels."""

@@ -314,7 +314,6 @@ export function compileRobot({ work }, robot) {
 
 function compileIn(memory, leg) {
   const { layout } = memory;
-  checkReach(leg);
   const { SAMPLES, HARMONICS, INTERVALS, ORDER, BEARING_SAMPLES, TAIL_TOLERANCE } = layout.numbers;
   const { linkage, damping, bearing_friction: friction } = leg.robot;
   const turn = (count) => {
@@ -390,21 +389,6 @@ function springsOf(memory, { linkage, springs = [] }) {
     memory.filled("i8", links, torsion.length, 2),
     memory.filled("f8", angles, torsion.length, 2),
   ];
-}
-
-/** Throw an error if a joint is too far from the centre of its link. */
-function checkReach({ robot, corners, memory }) {
-  const most = memory.layout.numbers.LONGEST;
-  for (const [k, [name]] of robot.linkage.bodies.entries()) {
-    const farthest = Math.max(
-      ...corners
-        .at(k)
-        .pairs()
-        .map(([reach]) => Math.abs(reach)),
-    );
-    if (!(farthest <= most))
-      throw new Error(`${name}: a joint's distance must be at most ${most} m, got ${farthest} m`);
-  }
 }
 
 function workSpace(memory, ...counts) {

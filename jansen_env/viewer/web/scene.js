@@ -169,8 +169,11 @@ export function drawGround(ctx, size, scene, view, { theme = THEMES.light } = {}
     const main = mark % 2 === 0;
     ctx.lineWidth = 1.6;
     line(ctx, [x, y], [x, y + (main ? 11 : 7)]);
-    if (main)
-      ctx.fillText(`${(mark * spacing).toFixed(digits).replace(/^-(0\.?0*)$/, "$1")} m`, x, y + 15);
+    if (!main) continue;
+    const label = `${(mark * spacing).toFixed(digits).replace(/^-(0\.?0*)$/, "$1")} m`;
+    const half = 0.5 * ctx.measureText(label).width;
+    const fits = x >= half && x <= width - half && y + 26 <= height;
+    if (fits) ctx.fillText(label, x, y + 15); // a label that is cut can be misread
   }
   ctx.lineWidth = 2.5;
   ctx.lineJoin = "round";

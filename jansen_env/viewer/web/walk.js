@@ -647,6 +647,7 @@ async function teach(index) {
   write($("trial"), trial);
   await open(address);
   run(true);
+  for (const part of [pictures[0], $("lesson")]) part.scrollIntoView({ block: "nearest" });
 }
 
 /** Return a new name for the robot of a file, in characters that links may contain. */

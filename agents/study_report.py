@@ -212,8 +212,8 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
         returns: Rows of returns.csv for this environment.
         path: Image file to write.
     """
-    figure = Figure((15.0, 4.6), layout="constrained")
-    by_steps, by_time, profile = figure.subplots(1, 3)
+    figure = Figure((10.0, 8.0), layout="constrained")
+    (by_steps, by_time), (profile, key) = figure.subplots(2, 2)
     is_run = returns.policy == "run"
     for group, name, look in _group_looks(returns[is_run].group.drop_duplicates()):
         runs = returns[is_run & (returns.group == group)]
@@ -229,7 +229,8 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
     by_steps.xaxis.set_minor_locator(ticker.NullLocator())
     by_time.set(xlabel="s of one core, evaluations included")
     profile.set(xlabel="return at a command", ylabel="share of runs and commands above")
-    figure.legend(*by_steps.get_legend_handles_labels(), loc="outside right center", fontsize=8)
+    key.set_axis_off()
+    key.legend(*by_steps.get_legend_handles_labels(), loc="center", frameon=False)
     save(figure, path)
 
 

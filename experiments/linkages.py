@@ -19,6 +19,7 @@ from typing import Any, cast
 import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogLocator
 from pages import DOCS, options, publish, table
 
 from jansen_env.plants.trace import find_touchdowns, trace_forces
@@ -231,6 +232,10 @@ def draw(results: dict[str, Any], path: Path) -> None:
                 style = "o-" if label else ":"
                 axis.plot(speeds, values, style, color=f"C{i}", ms=3.5, lw=1.3, label=label)
         axis.set(title=title, yscale="log" if key in {"cost", "slip", "pin"} else "linear")
+        if axis.get_yscale() == "log":
+            axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.yaxis.set_major_formatter("{x:g}")
+            axis.yaxis.set_minor_formatter("")
     figure.supxlabel("commanded speed (m/s)")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=6)
     figure.savefig(path, dpi=110)

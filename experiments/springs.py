@@ -324,7 +324,8 @@ def pid_table(results: dict[str, Any], metric: str) -> str:
 
 def draw(results: dict[str, Any], path: Path) -> None:
     """Draw the torques at constant crank speed over one turn of the crank."""
-    figure, axes = plt.subplots(1, len(results), figsize=(9, 3), sharex=True, layout="constrained")
+    size = (9, 3.5)
+    figure, axes = plt.subplots(1, len(results), figsize=size, sharex=True, layout="constrained")
     for axis, (name, values) in zip(np.atleast_1d(axes), results.items(), strict=True):
         angle = np.array(values["angle"]) % (2.0 * math.pi)
         for kind, label in LABELS.items():
@@ -333,7 +334,13 @@ def draw(results: dict[str, Any], path: Path) -> None:
         axis.set_xlabel("crank angle (rad)")
         axis.grid(alpha=0.3)
     np.atleast_1d(axes)[0].set_ylabel("crank torque (N m)")
-    np.atleast_1d(axes)[0].legend()
+    figure.legend(
+        *np.atleast_1d(axes)[0].get_legend_handles_labels(),
+        loc="outside upper center",
+        ncols=len(LABELS),
+        title="spring for",
+        markerscale=4,
+    )
     figure.savefig(path, dpi=120)
 
 

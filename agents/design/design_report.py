@@ -200,9 +200,9 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
         robots: Robots by name.
         path: Image file to write.
     """
-    columns = min(len(robots), 5)
+    columns = min(len(robots), 3)
     rows = -(-len(robots) // columns)
-    figure = Figure((3.6 * columns, 3.0 * rows), layout="constrained")
+    figure = Figure((3.6 * columns, 2.5 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axis, (name, robot) in zip(axes.flat, robots.items(), strict=False):
         axis.set(title=name, aspect="equal")

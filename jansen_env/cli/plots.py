@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+COLUMNS = 3  # panels in a row, so that their text is legible on a page
+
 # Lower values are drawn as this value on a logarithmic axis. Rigid feet may not slip at all.
 LEAST = 1e-4
 
@@ -109,7 +111,8 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
 
     rows, columns = len(metrics), len(sweeps)
     if columns == 1:
-        rows, columns = 2, (len(metrics) + 1) // 2
+        columns = min(len(metrics), COLUMNS)
+        rows = -(-len(metrics) // columns)
     figure = Figure((3.8 * columns, 2.7 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     panels = [*product(metrics.items(), sweeps.items())]

@@ -217,7 +217,7 @@ def mechanism(_: Results) -> Figure:
             if front:
                 axes.plot(*joints[i, :T].T, "o", color=color, ms=2.2)
                 axes.plot(*joints[i, T], "o", color=color, ms=5)
-        axes.set(aspect="equal")
+        axes.set(aspect="equal", xticks=(-0.5, 0.0, 0.5))
         axes.set_title(f"crank angle {angle}", fontsize=9.5, fontweight="normal")
         axes.set(xlabel="x (m)" if k > 3 else "", ylabel="" if k % 4 else "y (m)")
     return figure
@@ -301,5 +301,5 @@ def slip(r: Results) -> Figure:
     right.plot([], [], lw=8, color="#fecaca", label="falls within 75 s")
     right.plot(r.no_slip.speed, FLOOR, "v", color="#059669", label="no slip, from another start")
     right.set_ylim(0.05 * FLOOR, 1.5)
-    right.legend(loc="lower right")
+    right.legend(loc="lower right", frameon=True, framealpha=1.0, edgecolor="none")
     return figure

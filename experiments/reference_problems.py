@@ -2,12 +2,12 @@
 
 Run the experiment as follows. The default folder is docs/reference_problems.
 
-    python -m experiments.reference_problems [WINDOWS] [FOLDER]
+    python experiments/reference_problems.py [WINDOWS] [FOLDER]
 
-The script solves problems from the IFToMM library of multibody benchmarks and a rocking block. It
-prints a table and writes ``results.json``. The page docs/reference_problems.md contains the table.
-WINDOWS is the number of windows of the larger N-four-bar mechanism, 40 by default. The run takes
-about a minute on two cores.
+The script solves problems from the IFToMM library of multibody benchmarks and problems with
+contact, which are in ``contact_problems.py``. It prints a table and writes ``results.json``. The
+page docs/reference_problems.md contains the table. WINDOWS is the number of windows of the larger
+N-four-bar mechanism, 40 by default. The run takes about a minute on two cores.
 """
 
 from __future__ import annotations
@@ -16,25 +16,45 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from scipy.integrate import quad, solve_ivp
+from contact_problems import (
+    BLOCK_STEPS,
+    DISCS,
+    TOY_JAM,
+    TOY_PERIOD,
+    TOY_SICONOS,
+    bounce_ball,
+    bouncing_ball_closed_form,
+    disc_closed_form,
+    least_jam_friction,
+    rocking_block,
+    rocking_block_closed_form,
+    rod_closed_form,
+    roll_disc,
+    slide_rod,
+    woodpecker,
+)
+from scipy.integrate import solve_ivp
 
-from jansen_env import Leg, Payload, Robot, Terrain
+from jansen_env import Leg, Robot
 from jansen_env.arrays import Array
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.projection import (
     orthogonal_complement,
     orthogonal_complement_rate,
     project,
 )
-from jansen_env.dynamics.reduced import body_sums, compile_robot, mass_matrix
+from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.dynamics.spring_forces import spring_lengths
 from jansen_env.files import write_json
-from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Dyad, Linkage, Plate, Spring
-from jansen_env.robot.kinematics import coordinates, joint_positions
+from jansen_env.robot.kinematics import coordinates
+
+Solution = TypeVar("Solution")
 
 # IFToMM A03, Andrews' squeezing mechanism, in SI units. Source: F. Mazzia and C. Magherini, "Test
 # Set for Initial Value Problem Solvers", release 2.4 (2008), problem ANDREWS, which follows W.
@@ -47,7 +67,6 @@ SQUEEZER_SPEED = 1139.920302151208  # rate of beta at SQUEEZER_TIME
 
 # IFToMM A02, the N-four-bar mechanism: N windows of uniform bars of 1 m and 1 kg.
 # https://www.iftomm-multibody.org/benchmark/problem/N_four-bar_mechanism
-GRAVITY = 9.81  # m/s^2
 FOUR_BAR_TIME = 10.0  # s
 FOUR_BAR_SPEED = -1.0  # initial rate of the upright cranks, rad/s
 FOUR_BAR_END = 0.3284581115, 0.9445185382  # end of the first crank of two windows at 10 s, m
@@ -273,102 +292,6 @@ class FourBars:
         return _integrate(self.acceleration, self.energy, start, FOUR_BAR_TIME, tolerance)
 
 
-class Rocking(NamedTuple):
-    """Result of a rocking block.
-
-    Attributes:
-        period: Time from the release to the first impact, in s.
-        ratio: Speed after the first impact divided by the speed before it.
-    """
-
-    period: float
-    ratio: float
-
-
-BLOCK_ANGLE = 0.02  # tilt at which the block is released, rad
-BLOCK_CRANK = 2.75  # angle of the locked crank, rad
-BLOCK_STEPS = 1e-4, 2e-5  # time steps, s
-PAD = 1e-5  # radius of its two feet, m: nearly points
-
-
-def block() -> Robot:
-    """Return a robot with two feet that a locked crank makes a rigid block."""
-    legs = Leg("fore"), Leg("back", math.pi - 2.0 * BLOCK_CRANK)  # mirror images at this angle
-    return Robot(legs=legs, pad_radius=PAD, payload=Payload(3.0, 0.1, (0.0, 0.1)))
-
-
-def _toe(psi: float) -> Array:
-    """Return the position of the toe of the paper's fore leg, in m."""
-    places: Array = joint_positions(Robot(), "fore", psi)[-1]
-    return places
-
-
-def rocking_block_closed_form() -> Rocking:
-    """Return Housner's closed form, as in "The behavior of inverted pendulum structures" (1963).
-
-    A block with the distance b of each foot from the middle and the height h of the centre of mass
-    turns about one foot. At the impact, the angular momentum about the other foot is kept.
-    """
-    m, inertia, b, h = _block_inertia()
-    about_foot = inertia + m * (b * b + h * h)
-
-    def speed(angle: float) -> float:
-        fallen = _rise(BLOCK_ANGLE, b, h) - _rise(angle, b, h)
-        return math.sqrt(2.0 * m * GRAVITY * fallen / about_foot)
-
-    # With angle = start (1 - s^2), the integrand is finite at the release.
-    period, _ = quad(
-        lambda s: 2.0 * BLOCK_ANGLE * s / speed(BLOCK_ANGLE * (1.0 - s * s)) if s > 0.0 else 0.0,
-        0.0,
-        1.0,
-        epsabs=1e-12,
-    )
-    return Rocking(period, (inertia + m * (h * h - b * b)) / about_foot)
-
-
-def _rise(angle: float, b: float, h: float) -> float:
-    """Return the height of the centre of mass of a block that is tilted by an angle, in m."""
-    return b * math.sin(angle) + h * math.cos(angle)
-
-
-def _block_inertia() -> tuple[float, float, float, float]:
-    """Return mass, inertia, half the width and the height of the centre of mass of the block."""
-    robot = block()
-    sums = body_sums(compile_robot(robot), BLOCK_CRANK)
-    centre = sums.c / robot.mass
-    toe = _toe(BLOCK_CRANK)
-    inertia = float(mass_matrix(compile_robot(robot), np.array([0.0, 0.0, 0.0, BLOCK_CRANK]))[2, 2])
-    inertia -= robot.mass * float(centre @ centre)
-    return robot.mass, inertia, abs(float(toe[0])), float(centre[1] - toe[1])
-
-
-def rocking_block(time_step: float) -> Rocking:
-    """Simulate a block that is released with a tilt, until it has struck the ground.
-
-    Args:
-        time_step: Time step of the projection backend, in s.
-    """
-    plant = ProjectionPlant(block(), Terrain.flat(friction=5.0), time_step)
-    x, y = -abs(_toe(BLOCK_CRANK)[0]), _toe(BLOCK_CRANK)[1]  # foot about which it turns
-    cos, sin = math.cos(BLOCK_ANGLE), math.sin(BLOCK_ANGLE)
-    state = np.zeros(8)
-    state[0], state[1] = -(cos * x - sin * y), PAD - (sin * x + cos * y)
-    state[2], state[3] = BLOCK_ANGLE, BLOCK_CRANK
-    plant.state = state
-    plant.prescribed_crank_speed = True
-    elapsed = 0.0
-    while True:
-        before = plant.state
-        plant.step(0.0, time_step)
-        elapsed += time_step
-        struck = plant.state
-        if struck[6] > before[6]:  # the impact slows the block down
-            break
-    # Before the impact, the block reaches the level position at this fraction of the last step.
-    share = min(1.0, max(0.0, -before[2] / (before[6] * time_step)))
-    return Rocking(elapsed + (share - 1.0) * time_step, float(struck[6] / before[6]))
-
-
 class Row(NamedTuple):
     """Line of the table.
 
@@ -412,17 +335,68 @@ def measure(windows: int) -> list[Row]:
                 quantity = f"end of the first crank at 10 s, {axis}, m"
                 rows.append(Row(name, quantity, published, ours, motion.seconds))
         rows.append(Row(name, "largest energy error, J", 0.0, motion.drift, motion.seconds))
-    exact = rocking_block_closed_form()
+    return rows + measure_contacts()
+
+
+def measure_contacts() -> list[Row]:
+    """Solve the problems with contact."""
+    rows = []
+    for name, start in DISCS.items():
+        exact_roll = disc_closed_form(*start)
+        rolling, seconds = _timed(partial(roll_disc, *start))
+        rows += [
+            Row(f"disc, {name}", "time until it rolls, s", exact_roll.time, rolling.time, seconds),
+            Row(
+                f"disc, {name}",
+                "speed when it rolls, m/s",
+                exact_roll.speed,
+                rolling.speed,
+                seconds,
+            ),
+        ]
+    exact_ball = bouncing_ball_closed_form()
+    ball, seconds = _timed(bounce_ball)
+    rows += [
+        Row(
+            "bouncing ball",
+            "height of the third bounce, m",
+            exact_ball.height,
+            ball.height,
+            seconds,
+        ),
+        Row("bouncing ball", "time of the last bounce, s", exact_ball.rest, ball.rest, seconds),
+    ]
+    exact_rod = rod_closed_form()
+    rod, seconds = _timed(slide_rod)
+    rows += [
+        Row(
+            "Painlevé's rod", "friction without sliding", exact_rod.friction, rod.friction, seconds
+        ),
+        Row("Painlevé's rod", "spin after the stop, rad/s", exact_rod.spin, rod.spin, seconds),
+    ]
+    exact_block = rocking_block_closed_form()
     for step in BLOCK_STEPS:
-        begun = time.process_time()
-        block_motion = rocking_block(step)
-        seconds = time.process_time() - begun
+        block, seconds = _timed(partial(rocking_block, step))
         name = f"rocking block, step {1e3 * step:g} ms"
         rows += [
-            Row(name, "time until the first impact, s", exact.period, block_motion.period, seconds),
-            Row(name, "speed after / before the impact", exact.ratio, block_motion.ratio, seconds),
+            Row(name, "time until the first impact, s", exact_block.period, block.period, seconds),
+            Row(name, "speed after / before the impact", exact_block.ratio, block.ratio, seconds),
         ]
+    toy, seconds = _timed(woodpecker)
+    quantities = "height, m", "sleeve angle, rad", "bird angle, rad"
+    for quantity, published, ours in zip(quantities, TOY_SICONOS, toy.position, strict=True):
+        rows.append(Row("woodpecker toy", f"{quantity}, at 0.29998 s", published, ours, seconds))
+    rows.append(Row("woodpecker toy", "period, s", TOY_PERIOD, toy.period, seconds))
+    jam, seconds = _timed(least_jam_friction)
+    rows.append(Row("woodpecker toy", "least friction that jams", TOY_JAM, jam, seconds))
     return rows
+
+
+def _timed(solve: Callable[[], Solution]) -> tuple[Solution, float]:
+    """Return the solution of a problem and the CPU time, in s."""
+    begun = time.process_time()
+    solution = solve()
+    return solution, time.process_time() - begun
 
 
 def table(rows: list[Row]) -> str:

@@ -384,6 +384,7 @@ class Toy(NamedTuple):
 TOY_START = (0.0, -0.1036, -0.2788), (-0.3411, 0.0, -7.4583)  # published position and velocity
 TOY_STEP = 2e-5  # s
 TOY_PERIOD = 0.1452  # published period of the limit cycle, s
+TOY_EVENTS_PERIOD = 0.145976  # the same by an event-driven solution (test_woodpecker.py), s
 TOY_JAM = 0.285  # published least friction at which the sleeve jams
 # Position at 0.29998 s in the reference file of Siconos (examples/mechanics/Woodpecker), from the
 # same start with the same time step.
@@ -404,6 +405,11 @@ class Woodpecker:
         toy: Values of the toy.
 
     Attributes:
+        mass: Mass matrix, shape (3, 3).
+        springs: Stiffness matrix, shape (3, 3).
+        weight: Generalised force of gravity, shape (3,).
+        jacobian: Normal and tangential directions of the contacts, in turn, shape (6, 3).
+        gaps: Distances of the contacts from the pole where all angles are 0, in m, shape (3,).
         position: Coordinates, shape (3,).
         velocity: Their rates, shape (3,).
     """
@@ -411,15 +417,15 @@ class Woodpecker:
     def __init__(self, time_step: float, toy: Toy | None = None) -> None:
         toy = toy or Toy()
         bird, arms = toy.bird_mass, np.array([1.0, toy.spring_arm, toy.bird_arm])
-        mass = bird * np.outer(arms, arms)
-        mass += np.diag([toy.sleeve_mass, toy.sleeve_inertia, toy.bird_inertia])
+        self.mass = bird * np.outer(arms, arms)
+        self.mass += np.diag([toy.sleeve_mass, toy.sleeve_inertia, toy.bird_inertia])
         c = toy.stiffness
+        self.springs = np.array([[0.0, 0.0, 0.0], [0.0, c, -c], [0.0, -c, c]])
+        self.weight = -GRAVITY * (bird * arms + np.array([toy.sleeve_mass, 0.0, 0.0]))
         self._step = time_step
-        self._springs = np.array([[0.0, 0.0, 0.0], [0.0, c, -c], [0.0, -c, c]])
-        self._weight = -GRAVITY * (bird * arms + np.array([toy.sleeve_mass, 0.0, 0.0]))
-        self._inverse = np.linalg.inv(mass + 0.25 * time_step * time_step * self._springs)
+        self._inverse = np.linalg.inv(self.mass + 0.25 * time_step * time_step * self.springs)
         hole, edge = toy.hole_radius, toy.sleeve_height
-        self._J = np.array(
+        self.jacobian = np.array(
             [
                 [0.0, 0.0, -toy.beak_height],  # normal and tangential direction of the beak
                 [1.0, toy.spring_arm, toy.bird_arm - toy.beak_length],
@@ -431,7 +437,7 @@ class Woodpecker:
         )
         beak = toy.spring_arm + toy.bird_arm - toy.beak_length - toy.pole_radius
         play = hole - toy.pole_radius
-        self._gaps = np.array([beak, play, play])
+        self.gaps = np.array([beak, play, play])
         self._friction, self._restitution = toy.friction, np.array(toy.restitution)
         self._law = problem(3)
         self.position, self.velocity = (np.array(start) for start in TOY_START)
@@ -440,11 +446,11 @@ class Woodpecker:
         """Advance the toy by a time step."""
         h = self._step
         middle = self.position + 0.5 * h * self.velocity
-        forces = self._weight - self._springs @ middle
+        forces = self.weight - self.springs @ middle
         after = self.velocity + h * (self._inverse @ forces)
-        closed = np.flatnonzero(self._gaps + self._J[0::2] @ middle <= 0.0)
+        closed = np.flatnonzero(self.gaps + self.jacobian[0::2] @ middle <= 0.0)
         if len(closed):
-            J = self._J[np.stack([2 * closed, 2 * closed + 1], axis=1).ravel()]
+            J = self.jacobian[np.stack([2 * closed, 2 * closed + 1], axis=1).ravel()]
             v_free = J @ after
             v_free[0::2] += self._restitution[closed] * (J[0::2] @ self.velocity)
             after += self._inverse @ J.T @ self._impulses(J, v_free)
@@ -465,8 +471,8 @@ class Woodpecker:
 
     def jams(self) -> bool:
         """Return whether the sleeve jams at rest, with the bird hanging backwards."""
-        sleeve = -self._gaps[1] / self._J[2, 1]
-        sag = self._weight[2] / self._springs[2, 2]
+        sleeve = -self.gaps[1] / self.jacobian[2, 1]
+        sag = self.weight[2] / self.springs[2, 2]
         self.position = np.array([0.0, sleeve, sleeve + sag])
         self.velocity = np.zeros(3)
         self.step()

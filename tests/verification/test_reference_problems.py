@@ -98,6 +98,8 @@ def test_woodpecker_toy(measured):
     measured("woodpecker toy: angles after 0.3 s, to Siconos", max(errors[1:]), 1e-10, "rad")
     error = abs(ours.period / contacts.TOY_PERIOD - 1.0)
     measured("woodpecker toy: period, relative to the published one", error, 0.01)
+    error = abs(ours.period / contacts.TOY_EVENTS_PERIOD - 1.0)
+    measured("woodpecker toy: period, relative to an event-driven solution", error, 1.5e-3)
 
 
 def test_woodpecker_toy_jams(measured):

@@ -27,6 +27,7 @@ from jansen_env.engine.mathematics import directions
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions, world_joints
 from jansen_env.terrain import Piece, heights_of
+from jansen_env.world.drawn_springs import coil, drawn_springs, spiral
 
 Picture = NDArray[np.uint8]
 Point = Array | tuple[float, float]
@@ -36,6 +37,10 @@ Color = tuple[int, int, int]
 ARROW_PER_WEIGHT = 0.25  # length of the arrow of a force equal to the robot's weight, m
 ARROW_PER_REACH = 0.1, 0.35  # limits of this length, as fractions of the robot's reach
 LONGEST_ARROW = 2.4  # longest arrow divided by this length, so that impacts stay in the picture
+COIL_WIDTH, SPIRAL_RADIUS = (
+    11.0,
+    11.0,
+)  # width of a linear spring, radius of a torsion spring, units
 LARGEST_PAYLOAD = 0.25  # largest half side of the box of a payload, as a fraction of the reach
 TICK_SPACING = 0.5  # distance between marks on the ground, m; times 2, 5, 10 ... if too many
 MOST_MARKS = 40  # largest number of marks
@@ -62,6 +67,7 @@ WHITE = (255, 255, 255)
 LINK = (58, 124, 190)
 CRANK = (240, 140, 16)
 FORCE = (124, 58, 190)
+SPRING = (146, 84, 20)
 GREEN = (0, 140, 122)
 RED = (220, 38, 38)
 LEGEND = {"gripping toe": GRIP, "slipping toe": SLIP, "lifted toe": AIR, "contact force": None}
@@ -165,6 +171,7 @@ class Renderer:
         self._arrow_per_weight = min(max(ARROW_PER_WEIGHT, least * reach), most * reach)
         self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
         self._depth = depths_of(robot)
+        self._springs = drawn_springs(robot)
 
     def draw(self, frame: Frame) -> Picture | None:
         """Paint a frame.
@@ -243,13 +250,16 @@ class Renderer:
                 self._paint_flag(frame.goal)
 
         legs = self._pixels(world_joints(self.robot, q))
+        springs = self._spring_lines(legs, q)
         order = sorted(range(len(legs)), key=lambda leg: -self._depth[leg])
         far = [leg for leg in order if self._depth[leg] > 0.0]
         for leg in far:
             self._paint_leg(legs[leg], self._depth[leg])
+            self._paint_springs(springs[leg], self._depth[leg])
         self._paint_chassis(legs, q)
         for leg in order[len(far) :]:
             self._paint_leg(legs[leg], 0.0)
+            self._paint_springs(springs[leg], 0.0)
         pad = max(self.robot.pad_radius * self._scale / UNIT, 4.5)
         forces = frame.contact_force / frame.weight
         toes = sorted(enumerate(self.robot.toes), key=lambda toe: -self._depth[toe[1][0]])
@@ -332,6 +342,42 @@ class Renderer:
         for joint in np.delete(joints, ends, axis=0):
             self._disc(joint, 4.2 - 0.6 * depth, ink)
             self._disc(joint, 2.3 - 0.4 * depth, WHITE)
+
+    def _spring_lines(self, legs: Array, q: Array) -> list[list[Array]]:
+        """Return the lines of the springs of each leg on the canvas, each of shape (points, 2).
+
+        Args:
+            legs: Positions of the joints of all legs on the canvas, shape (legs, joints, 2).
+            q: Position x, y of the crank axis (m), chassis pitch theta and crank angle psi (rad).
+        """
+        lines: list[list[Array]] = [[] for _ in legs]
+        turn = np.array([directions(q[2]), directions(q[2] + 0.5 * math.pi)])
+        for leg, joints, anchor in self._springs:
+            places = [_bounded(legs[leg, [joint]])[0] for joint in joints]
+            if anchor is not None:
+                places += list(_bounded(self._pixels([anchor @ turn + q[:2]])))
+            if len(places) == 3:
+                pin, first, second = places
+                line = spiral(pin, first, second, SPIRAL_RADIUS * UNIT)
+            else:
+                start, end = places
+                line = coil(start, end, COIL_WIDTH * UNIT)
+            lines[leg].append(line)
+        return lines
+
+    def _paint_springs(self, lines: list[Array], depth: float) -> None:
+        """Paint the springs of a leg, with a disc at each end.
+
+        Args:
+            lines: Points of each spring on the canvas.
+            depth: Depth from 0, the nearest, to 1, the farthest, by which the colors fade.
+        """
+        color = _mix(SPRING, SKY, 0.58 * math.sqrt(depth))
+        for line in lines:
+            for start, end in itertools.pairwise(line):
+                self._line(start, end, 2.2, color)
+            self._disc(line[0], 2.6, color)
+            self._disc(line[-1], 2.6, color)
 
     def _paint_chassis(self, legs: Array, q: Array) -> None:
         """Paint the frames of all legs, which form the chassis, and the payload."""

@@ -258,6 +258,7 @@ def check_picture(env, told):
     pose = told["pose"]
     for key in ("style", "bodies", "phases", "toes", "payload", "weight"):
         assert told["scene"][key] == json.loads(json.dumps(scene[key])), key
+    assert told["scene"].get("springs") == json.loads(json.dumps(scene.get("springs")))
     joints = world_joints(env.robot, frame.q)
     assert np.allclose(pose["joints"], joints.ravel(), rtol=0.0, atol=1e-12)
     for key, wanted in (("point", frame.contact_point), ("force", frame.contact_force)):

@@ -5,6 +5,7 @@ Colours, widths and meaning are the same as in :mod:`jansen_env.world.rendering`
 
 from jansen_env.robot import Robot
 from jansen_env.world import rendering
+from jansen_env.world.drawn_springs import drawn_springs
 from jansen_env.world.rendering import reach_of
 
 STYLE = {
@@ -36,10 +37,13 @@ def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
         - ``weight``: Weight of robot and payload, in N.
         - ``payload``: ``mass`` in kg, and ``x`` and ``y`` in m in the chassis frame. None if there
           is no payload.
+        - ``springs``: Springs of all legs with ``leg``, ``joints`` and ``anchor``, see
+          :class:`jansen_env.world.drawn_springs.DrawnSpring`. Missing if there are no springs.
     """
     linkage, load, payload = robot.linkage, robot.payload, None
     if load.mass > 0.0:
         payload = {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
+    springs = [spring._asdict() for spring in drawn_springs(robot)]
     return {
         "style": STYLE,
         "joints": linkage.joints,
@@ -50,4 +54,5 @@ def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
         "reach": reach_of(robot),
         "weight": weight,
         "payload": payload,
+        **({"springs": springs} if springs else {}),
     }

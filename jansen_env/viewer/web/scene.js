@@ -5,6 +5,9 @@
 // `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
 
 const NOMINAL_SCALE = 325; // pixels per reach at which line widths are as they are given
+const [COIL_WIDTH, SPIRAL_RADIUS] = [11, 15]; // pixels, of a linear and a torsion spring
+const [COILS, LEAD, TURNS, SPIRAL_POINTS] = [7, 0.14, 1, 48]; // as in drawn_springs.py
+const MOST_SPRINGS = 128; // in a picture
 const CROWDED = 46; // pixels between marks, at least
 export const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does, as in rendering.py
 
@@ -21,6 +24,7 @@ export const THEMES = {
     link: [58, 124, 190],
     crank: [240, 140, 16],
     force: [124, 58, 190],
+    spring: [146, 84, 20],
     grip: [0, 140, 122],
     slip: [220, 38, 38],
   },
@@ -36,6 +40,7 @@ export const THEMES = {
     link: [88, 158, 230],
     crank: [255, 166, 54],
     force: [186, 134, 255],
+    spring: [226, 172, 96],
     grip: [36, 200, 172],
     slip: [255, 92, 92],
   },
@@ -45,7 +50,9 @@ export const THEMES = {
  * Return what is drawn of a robot, the content of a robot file; geometry.py documents the fields.
  * `reach` is the distance of the farthest joint from the crank axis, in m.
  */
-export function sceneOf({ linkage, legs, pad_radius: padRadius, payload: load }, reach, style) {
+export function sceneOf(robot, reach, style) {
+  const { linkage, legs, pad_radius: padRadius, payload: load } = robot;
+  const springs = springsOf(robot);
   const indicesOf = (letters) => [...letters].map((joint) => linkage.joints.indexOf(joint));
   const [x, y] = load.position;
   return {
@@ -57,7 +64,29 @@ export function sceneOf({ linkage, legs, pad_radius: padRadius, payload: load },
     padRadius,
     reach,
     payload: load.mass > 0 ? { mass: load.mass, x, y } : null,
+    ...(springs.length > 0 ? { springs } : {}),
   };
+}
+
+/** Springs of all legs: `drawn_springs` of drawn_springs.py. */
+function springsOf({ linkage, legs, springs = [] }) {
+  const indexOf = (joint) => linkage.joints.indexOf(joint);
+  const members = new Map(linkage.bodies.map(([name, letters]) => [name, [...letters]]));
+  const drawn = (spring, leg, side) => {
+    const { is, start, end, first, second, anchor = [0, 0] } = spring;
+    if (is === "TorsionSpring") {
+      const links = [members.get(first), members.get(second)];
+      const pin = links[0].find((joint) => links[1].includes(joint));
+      const others = links.map((link) => link.find((joint) => joint !== pin));
+      return { leg, joints: [pin, ...others].map(indexOf), anchor: null };
+    }
+    if (end) return { leg, joints: [indexOf(start), indexOf(end)], anchor: null };
+    const x = side === "fore" ? anchor[0] : -anchor[0];
+    return { leg, joints: [indexOf(start)], anchor: [x, anchor[1]] };
+  };
+  return legs
+    .flatMap(({ side }, leg) => springs.map((spring) => drawn(spring, leg, side)))
+    .slice(0, MOST_SPRINGS);
 }
 
 const texts = new Map(); // of colours that have been asked for, by their numbers
@@ -195,9 +224,13 @@ export function drawRobot(ctx, size, scene, state, view, options = {}) {
   const legs = state.joints.map((joints) => joints.map(at));
   const depths = depthsOf(scene.phases);
   const order = [...depths.keys()].sort((a, b) => depths[b] - depths[a]);
-  for (const i of order) if (depths[i] > 0) drawLeg(brush, legs[i], depths[i]);
+  const draw = (i) => {
+    drawLeg(brush, legs[i], depths[i]);
+    drawSprings(brush, legs[i], i, depths[i], state);
+  };
+  for (const i of order) if (depths[i] > 0) draw(i);
   drawChassis(brush, legs, state);
-  for (const i of order) if (depths[i] === 0) drawLeg(brush, legs[i], 0);
+  for (const i of order) if (depths[i] === 0) draw(i);
   for (const i of order)
     scene.toes.forEach(([leg, joint], toe) => {
       if (leg !== i) return;
@@ -218,7 +251,7 @@ function depthsOf(phases) {
 function ghostly(theme, color) {
   const faint = mix(color, theme.sky, 0.5);
   const crank = mix(color, theme.sky, 0.25);
-  return { ...theme, ink: faint, link: faint, crank, muted: faint };
+  return { ...theme, ink: faint, link: faint, crank, muted: faint, spring: faint };
 }
 
 /** A function from places, m, to pixels. */
@@ -251,6 +284,58 @@ function drawLeg({ ctx, theme, zoom, scene }, joints, depth) {
   const pins = joints.filter((_, i) => !scene.toes.some(([, joint]) => joint === i));
   discs(ctx, pins, zoom * (4.2 - 0.6 * depth), css(ink));
   discs(ctx, pins, zoom * (2.3 - 0.4 * depth), css(theme.paper));
+}
+
+/** Draw the springs of a leg, with a disc at each end. */
+function drawSprings({ ctx, theme, zoom, at, scene }, joints, leg, depth, { x, y, pitch }) {
+  const color = css(mix(theme.spring, theme.sky, 0.58 * Math.sqrt(depth)));
+  const [cos, sin] = [Math.cos(pitch), Math.sin(pitch)];
+  for (const spring of scene.springs ?? []) {
+    if (spring.leg !== leg) continue;
+    const places = spring.joints.map((joint) => joints[joint]);
+    if (spring.anchor) {
+      const [u, v] = spring.anchor;
+      places.push(at([x + cos * u - sin * v, y + sin * u + cos * v]));
+    }
+    const points =
+      places.length === 3
+        ? spiral(...places, SPIRAL_RADIUS * zoom)
+        : coil(...places, COIL_WIDTH * zoom);
+    ctx.strokeStyle = color;
+    ctx.lineWidth = 2.2 * zoom;
+    path(ctx, points);
+    ctx.stroke();
+    discs(ctx, [points[0], points.at(-1)], 2.6 * zoom, color);
+  }
+}
+
+/** The zigzag line of a linear spring, in pixels. */
+export function coil([x0, y0], [x1, y1], width) {
+  const [dx, dy] = [x1 - x0, y1 - y0];
+  const length = Math.hypot(dx, dy);
+  const [sx, sy] = length > 0 ? [-dy / length, dx / length] : [0, 1];
+  const point = (share, offset) => [x0 + share * dx + offset * sx, y0 + share * dy + offset * sy];
+  const points = [point(0, 0), point(LEAD, 0)];
+  const peaks = 2 * COILS;
+  for (let k = 0; k < peaks; k++)
+    points.push(
+      point(LEAD + ((1 - 2 * LEAD) * (k + 0.5)) / peaks, (k % 2 === 0 ? 0.5 : -0.5) * width),
+    );
+  return [...points, point(1 - LEAD, 0), point(1, 0)];
+}
+
+/** The spiral of a torsion spring, in pixels, from the first link to the second. */
+export function spiral([x, y], first, second, radius) {
+  const [begin, end] = [first, second].map(([u, v]) => Math.atan2(v - y, u - x));
+  const turned = ((end - begin + 4 * Math.PI) % (2 * Math.PI)) + 2 * Math.PI * TURNS;
+  const points = [];
+  for (let k = 0; k <= SPIRAL_POINTS; k++) {
+    const share = k / SPIRAL_POINTS;
+    const angle = begin + share * turned;
+    const reach = radius * (0.5 + 0.5 * share);
+    points.push([x + reach * Math.cos(angle), y + reach * Math.sin(angle)]);
+  }
+  return points;
 }
 
 function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {

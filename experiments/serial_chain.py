@@ -1,0 +1,256 @@
+"""Does a policy that was trained on a serial-chain model of the legs walk on the closed linkage?
+
+Run the experiment as follows. It takes about an hour on one core.
+
+    python experiments/serial_chain.py [--seeds 10] [--quick]
+
+For each seed, PPO trains a policy on the closed linkage of the robot ``built`` and on two
+simplified models of it. Every policy then walks on every model. The script writes
+``docs/serial_chain/serial_chain.json`` and the tables of docs/serial_chain.md. Policies are kept in
+``logs/serial_chain``, and a policy that is already there is not trained again.
+"""
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pages import options, publish, table
+from scipy.stats import t as student
+
+from jansen_env import ROBOTS, Payload, Robot, evaluate
+from jansen_env.dynamics.reduced import body_sums, compile_robot
+from jansen_env.registration import training_folder
+from jansen_env.robot.robot_file import write_robot
+
+DATA, PAGE = "serial_chain/serial_chain.json", "serial_chain.md"
+RUNS = Path("logs/serial_chain")
+ENV = "JansenWalkerBuilt-v0"
+COMMANDS = (0.1, 0.3, 0.5, 0.7)  # m/s
+SEED = 100  # of the episodes in which policies are compared
+STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
+MASSLESS = 1e-9  # kg, mass of a link that a model leaves out
+TURN = np.linspace(0.0, 2.0 * math.pi, 256, endpoint=False)
+
+CLOSED, TWO_LINK, LUMPED = "closed linkage", "two-link legs", "lumped legs"
+METRICS = {
+    "return": 0,
+    "steady_speed_error": 3,
+    "steady_slip_per_metre": 3,
+    "steady_cost_of_transport": 3,
+    "load": 2,
+    "falls": 3,
+}
+"""Metrics, and the number of decimals in the tables."""
+
+Means = dict[str, dict[str, list[dict[str, Any]]]]
+"""Metrics of every seed, by the model of the training and the model of the test."""
+
+
+def without_links(robot: Robot, kept: Collection[str]) -> Robot:
+    """Return a robot in which all links except the frame and some others have no inertia.
+
+    The toes keep their paths. The mass of the links that are left out is added to the chassis, at
+    their mean centre of mass and with their mean moment of inertia over a turn of the crank. Only
+    pins between two links that are kept have friction.
+
+    Args:
+        robot: The robot.
+        kept: Names of the links that keep their inertia.
+    """
+    names = robot.linkage.names
+    kept = {"frame", *kept}
+    out = {
+        name: replace(link, mass=MASSLESS, inertia=0.0)
+        for name, link in zip(names, robot.bodies, strict=True)
+        if name not in kept
+    }
+    friction = tuple(
+        torque if {names[a - 1], names[b - 1]} <= kept else 0.0
+        for (a, b), torque in zip(robot.linkage.bearings, robot.bearing_friction, strict=True)
+    )
+    light = replace(robot.with_bodies(**out), bearing_friction=friction)
+    full, bare = (body_sums(compile_robot(each), TURN) for each in (robot, light))
+    mass = robot.mass - light.mass
+    x, y = ((full.c - bare.c).mean(axis=0) / mass).tolist()
+    inertia = float((full.I - bare.I).mean()) - mass * (x * x + y * y)
+    return replace(light, payload=Payload(mass, inertia, (x, y)))
+
+
+def with_flywheel(robot: Robot, closed: Robot) -> Robot:
+    """Return a robot whose cranks have the mean inertia of the closed linkage at the crank.
+
+    Args:
+        robot: Robot whose legs have no inertia.
+        closed: Robot with the closed linkage.
+    """
+    inertia = float(body_sums(compile_robot(closed), TURN).k.mean())
+    inertia -= float(body_sums(compile_robot(robot), TURN).k.mean())
+    crank = replace(robot.body("crank"), inertia=inertia / len(robot.legs))
+    return robot.with_bodies(crank=crank)
+
+
+def models() -> dict[str, Robot]:
+    """Return the closed linkage and its two simplifications."""
+    closed = ROBOTS["built"]()
+    return {
+        CLOSED: closed,
+        TWO_LINK: without_links(closed, ("rocker", "foot")),
+        LUMPED: with_flywheel(without_links(closed, ()), closed),
+    }
+
+
+def crank_inertia(robot: Robot) -> tuple[float, float]:
+    """Return the smallest and the largest inertia at the crank over a turn, in kg m^2."""
+    k = body_sums(compile_robot(robot), TURN).k
+    return float(k.min()), float(k.max())
+
+
+def train_policy(name: str, robot: Robot, seed: int, quick: bool) -> Path:
+    """Train a policy unless its file exists, and return the file.
+
+    Args:
+        name: Name of the model.
+        robot: The model.
+        seed: Seed of the training.
+        quick: Whether to train for two rollouts only.
+    """
+    from agents.training.config import new_config
+    from agents.training.runs import FINAL, record_run
+    from agents.training.train_model import prepare, train
+
+    folder = RUNS / f"{name.replace(' ', '_')}_{seed}"
+    if (folder / FINAL).is_file():
+        return folder / FINAL
+    folder.mkdir(parents=True, exist_ok=True)
+    write_robot(folder / "robot.json", robot)
+    config = new_config(
+        training_folder(ENV) / "quick.yml",
+        env_kwargs={"robot": str(folder / "robot.json")},
+        seed=seed,
+        timesteps=2 * 8 * 32 if quick else STEPS,
+        n_envs=8 if quick else None,
+    )
+    record_run(folder, config, "python experiments/serial_chain.py")
+    train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
+    return folder / FINAL
+
+
+def score(file: Path, robot: Robot, episodes: int) -> dict[str, float | None]:
+    """Return the metrics of a policy on a model, averaged over commands and episodes.
+
+    Args:
+        file: File of the policy.
+        robot: The model.
+        episodes: Number of episodes per command.
+    """
+    from jansen_env.cli.named_policies import load_named
+    from jansen_env.scoring.rollout import make_env
+
+    env = make_env(ENV, {"robot": robot})
+    policy = load_named(str(file), env)
+    env.close()
+    found = evaluate(
+        {"policy": policy}, ENV, {"robot": robot}, commands=COMMANDS, episodes=episodes, seed=SEED
+    )["policy"]["overall"]
+    return {metric: found[metric][0] for metric in METRICS}
+
+
+def mean_and_half_width(values: Sequence[float | None]) -> tuple[float, float]:
+    """Return the mean of the values of all seeds and half the width of its 95 % interval.
+
+    A metric of steady walking is None if the robot fell in the first 2 s of every episode.
+    """
+    known = [value for value in values if value is not None]
+    count = len(known)
+    if count < 2:
+        return (known or [math.nan])[0], math.nan
+    error = float(np.std(known, ddof=1)) / math.sqrt(count)
+    return float(np.mean(known)), float(student.ppf(0.975, count - 1)) * error
+
+
+def tables(results: dict[str, Any]) -> dict[str, list[str]]:
+    """Return the tables of the page: models, returns, differences on the closed linkage, metrics."""
+    means: Means = results["scores"]
+    names = [*means]
+    properties = [
+        [name, f"{values['moving_mass']:.2f}", *(f"{k:.4f}" for k in values["crank_inertia"])]
+        for name, values in results["models"].items()
+    ]
+    made = [
+        table(
+            ["model", "moving mass (kg)", "smallest inertia at the crank (kg m²)", "largest"],
+            properties,
+        )
+    ]
+    differences = []
+    closed = [values["return"] for values in means[CLOSED][CLOSED]]
+    for name in names[1:]:
+        own, there = (
+            [values["return"] for values in means[name][model]] for model in (name, CLOSED)
+        )
+        back = [values["return"] for values in means[CLOSED][name]]
+        lost = [a - b for a, b in zip(there, closed, strict=True)]
+        differences.append(
+            [name, *("{:.1f} ± {:.1f}".format(*mean_and_half_width(v))
+                     for v in (own, there, lost, back))]
+        )  # fmt: skip
+    heads = (
+        "return on this model",
+        "return on the closed linkage",
+        "minus policies of the closed linkage there",
+        "policies of the closed linkage on this model",
+    )
+    made.append(table(["trained on", *heads], differences))
+    for metric, decimals in METRICS.items():
+        rows = []
+        for name in names:
+            found = (
+                mean_and_half_width([values[metric] for values in means[name][model]])
+                for model in names
+            )
+            rows.append([name, *(f"{a:.{decimals}f} ± {b:.{decimals}f}" for a, b in found)])
+        made.append(table([metric.replace("_", " "), *names], rows))
+    return {PAGE: made}
+
+
+def main() -> None:
+    """Train, measure, and write the data and the tables."""
+    args = options(__doc__, seeds=10)
+    seeds = range(1 if args.quick else args.seeds)
+    episodes = 1 if args.quick else 10
+    robots = models()
+    scores: Means = {name: {other: [] for other in robots} for name in robots}
+    for seed in seeds:
+        for name, robot in robots.items():
+            file = train_policy(name, robot, seed, args.quick)
+            for other, there in robots.items():
+                scores[name][other].append(score(file, there, episodes))
+            returns = [scores[name][other][-1]["return"] for other in robots]
+            print(f"seed {seed}, {name}: {returns}", flush=True)
+    properties = {
+        name: {
+            "moving_mass": len(robot.legs)
+            * sum(
+                link.mass
+                for body, link in zip(robot.linkage.names, robot.bodies, strict=True)
+                if body != "frame"
+            ),
+            "crank_inertia": crank_inertia(robot),
+        }
+        for name, robot in robots.items()
+    }
+    results = {
+        "commands": COMMANDS,
+        "episodes": episodes,
+        "seeds": len(seeds),
+        "models": properties,
+        "scores": scores,
+    }
+    publish(args.out, DATA, results, tables(results))
+
+
+if __name__ == "__main__":
+    main()

@@ -68,15 +68,18 @@ class MujocoBatch(RigidBodyBatch):
         super()._take_parameters()
         if not np.allclose(self._effective_gravity, (0.0, -GRAVITY)):
             raise ValueError(f"gravity must be {GRAVITY} m/s^2, got {self._effective_gravity}")
-        ground: Any = self._ground
-        text = to_mjcf(self._machine, ground, self.time_step, **self._settings)
-        self.model = mujoco.MjModel.from_xml_string(text)
+        self.model = mujoco.MjModel.from_xml_string(self._model_text())
         self.data = mujoco.MjData(self.model)
         self._height = float(self.model.body("chassis").pos[2])
         pads = np.flatnonzero(self.model.geom_contype)
         names = [f"{robot_leg}_{joint}" for robot_leg, joint in toe_names(self._machine)]
         toes = {self.model.geom(name).id: k for k, name in enumerate(names)}
         self._toe = {pad: toes.get(pad, -1) for pad in pads.tolist()}  # -1: joints other than toes
+
+    def _model_text(self) -> str:
+        """Return the robot on its terrain as MJCF."""
+        ground: Any = self._ground
+        return to_mjcf(self._machine, ground, self.time_step, **self._settings)
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Set the pose and the speeds of the bodies in MuJoCo, too."""
@@ -85,12 +88,7 @@ class MujocoBatch(RigidBodyBatch):
         q, v = state[:4], state[4:]
         self.data.qpos[:2] = q[0], q[1] - self._height
         self.data.qvel[:2] = v[:2]
-        before = hinge_angles(self._machine, q - 0.5 * RATE_STEP * v)
-        after = hinge_angles(self._machine, q + 0.5 * RATE_STEP * v)
-        for name, angle in hinge_angles(self._machine, q).items():
-            turned = math.remainder(after[name] - before[name], 2.0 * math.pi)
-            self.data.joint(name).qpos[0] = angle
-            self.data.joint(name).qvel[0] = turned / RATE_STEP
+        put_hinges(self.data, self._machine, q, v)
 
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
@@ -120,6 +118,7 @@ class MujocoBatch(RigidBodyBatch):
             speed = float(data.qvel[3])
             data.ctrl[0] = motor.torque(earlier if k < switch else torque, speed)
             mujoco.mj_step(self.model, data)
+            self.joint_gap[0] = max(self.joint_gap[0], widest_gap(data))
             used = float(data.ctrl[0])
             mean_speed = 0.5 * (speed + float(data.qvel[3]))
             total["motor_work"] += h * used * mean_speed
@@ -184,6 +183,31 @@ class MujocoPlant(Plant):
     def data(self) -> mujoco.MjData:
         """State of MuJoCo."""
         return self.batch.data
+
+
+def put_hinges(data: mujoco.MjData, robot: Robot, q: Array, v: Array) -> None:
+    """Set the angles and the rates of all hinges for a motion in which all loops are closed.
+
+    Args:
+        data: State of MuJoCo. If the chassis is fixed, it has no hinge, which is left out.
+        robot: The robot.
+        q: Pose (x, y, theta, psi), in m and rad, shape (4,).
+        v: Rates of the pose, in m/s and rad/s, shape (4,).
+    """
+    before = hinge_angles(robot, q - 0.5 * RATE_STEP * v)
+    after = hinge_angles(robot, q + 0.5 * RATE_STEP * v)
+    known = {data.model.joint(k).name for k in range(data.model.njnt)}
+    for name, angle in hinge_angles(robot, q).items():
+        if name in known:
+            turned = math.remainder(after[name] - before[name], 2.0 * math.pi)
+            data.joint(name).qpos[0] = angle
+            data.joint(name).qvel[0] = turned / RATE_STEP
+
+
+def widest_gap(data: mujoco.MjData) -> float:
+    """Return the widest gap of the pins that close loops, at the last evaluation, in m."""
+    gaps = data.efc_pos[: data.ne].reshape(-1, 3)
+    return float(np.sqrt(np.square(gaps).sum(axis=1).max())) if len(gaps) else 0.0
 
 
 def toe_names(robot: Robot) -> list[tuple[str, str]]:

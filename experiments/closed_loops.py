@@ -17,7 +17,6 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 from xml.etree import ElementTree as ET
 
@@ -46,13 +45,13 @@ DATA, PAGE = "closed_loops/closed_loops.json", "closed_loops.md"
 NEWTON = "closed_loops/newton.json"  # written by experiments/newton_loops.py
 
 SWING_SPEED = 10.0  # rad/s, initial crank speed of the swing
-SWING_TIME = 2.0  # s
-SWING_SAMPLES = 100
-REFERENCE_STEP = 1e-5  # s, time step of the projection backend for the reference of the swing
+SWING_TIME = 1.0  # s
+SWING_SAMPLES = 50
+REFERENCE_STEP = 2e-5  # s, time step of the projection backend for the reference of the swing
 SQUEEZER_SAMPLES = 100
 BELOW = Terrain(((-100.0, -5.0), (100.0, -5.0)))
 """Ground that the legs of a fixed chassis do not reach, in the rigid-body backend."""
-CRANK_SPEED, FRICTION, WALK_TIME = 4.0, 0.3, 6.0  # rad/s; friction coefficient; s
+CRANK_SPEED, FRICTION, WALK_TIME = 4.0, 0.3, 4.0  # rad/s; friction coefficient; s
 
 OURS, RIGID, MUJOCO = "this package, projection", "this package, rigid bodies", "MuJoCo"
 
@@ -119,6 +118,8 @@ class Machine(Protocol):
 
     gap: float
     """Widest gap of any pin so far, in m."""
+    seconds: float
+    """CPU time of all steps so far, in s."""
 
     def advance(self, torque: float, duration: float) -> None:
         """Simulate some time under a constant torque on the crank."""
@@ -144,6 +145,7 @@ class PlantMachine:
     def __init__(self, plant: Plant, angle: float, speed: float) -> None:
         self.plant = plant
         self.gap = 0.0
+        self.seconds = 0.0  # CPU time of all steps
         state = np.zeros(8)
         state[3] = angle
         state[7] = speed
@@ -151,7 +153,9 @@ class PlantMachine:
 
     def advance(self, torque: float, duration: float) -> None:
         """Simulate some time under a constant torque on the crank."""
+        begun = time.process_time()
         result = self.plant.step(torque, duration)
+        self.seconds += time.process_time() - begun
         self.gap = max(self.gap, result.joint_gap, self._pad_error())
 
     def _pad_error(self) -> float:
@@ -192,6 +196,7 @@ class MujocoMachine:
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
         self.gap = 0.0
+        self.seconds = 0.0  # measured by :func:`mujoco_time`
         motion = np.array([0.0, 0.0, 0.0, angle]), np.array([0.0, 0.0, 0.0, speed])
         put_hinges(self.data, robot, *motion)
         mujoco.mj_forward(self.model, self.data)
@@ -231,12 +236,8 @@ class Motion(NamedTuple):
     seconds: float
 
 
-def follow(
-    make: Callable[[], Machine], torque: float, duration: float, samples: int
-) -> Motion:
+def follow(make: Callable[[], Machine], torque: float, duration: float, samples: int) -> Motion:
     """Simulate a motion under a constant torque, and measure it.
-
-    The CPU time is that of a second run, in which nothing is measured.
 
     Args:
         make: Function that returns the mechanism in its initial state.
@@ -250,18 +251,18 @@ def follow(
     for _ in range(samples):
         machine.advance(torque, duration / samples)
         drift = max(drift, abs(machine.energy - torque * machine.angle - start))
-    return Motion(machine.angle, machine.gap, drift, cpu_time(make(), torque, duration) / duration)
-
-
-def cpu_time(machine: Machine, torque: float, duration: float) -> float:
-    """Return the CPU time of a motion in which nothing is measured, in s."""
-    begun = time.process_time()
+    seconds = machine.seconds
     if isinstance(machine, MujocoMachine):
-        machine.data.ctrl[0] = torque
-        steps = round(duration / machine.model.opt.timestep)
-        mujoco.mj_step(machine.model, machine.data, steps)
-    elif isinstance(machine, PlantMachine):
-        machine.plant.step(torque, duration)
+        seconds = mujoco_time(make(), torque, duration)  # type: ignore[arg-type]
+    return Motion(machine.angle, machine.gap, drift, seconds / duration)
+
+
+def mujoco_time(machine: MujocoMachine, torque: float, duration: float) -> float:
+    """Return the CPU time of a motion in MuJoCo in which nothing is measured, in s."""
+    machine.data.ctrl[0] = torque
+    steps = round(duration / machine.model.opt.timestep)
+    begun = time.process_time()
+    mujoco.mj_step(machine.model, machine.data, steps)
     return time.process_time() - begun
 
 
@@ -269,9 +270,7 @@ def swinging_robot() -> Robot:
     """Return the robot ``built`` without friction, and with an ideal motor."""
     robot = ROBOTS["built"]()
     frictionless = (0.0,) * len(robot.bearing_friction)
-    return replace(
-        robot, bearing_friction=frictionless, motor=IDEAL, pad_compliance=Compliance()
-    )
+    return replace(robot, bearing_friction=frictionless, motor=IDEAL, pad_compliance=Compliance())
 
 
 def swings(plants: dict[str, tuple[float, ...]], settings: list[Setting]) -> list[list[Any]]:
@@ -485,32 +484,32 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
 def main() -> None:
     """Measure, and write the data and the tables."""
     args = options(__doc__)
-    fine, finest = 1e-4, 2e-5
-    plants = {OURS: (1e-3, fine, finest), RIGID: (2.5e-4, 5e-5)}
+    plants = {OURS: (1e-3, 1e-4), RIGID: (2.5e-4, 1e-4)}
     swing_settings = [
         default_setting(),
-        default_setting(fine),
-        stiff(fine, 1e7, "implicitfast"),
-        stiff(fine, 1e7, "RK4"),
-        stiff(finest, 1e8, "RK4"),
+        default_setting(1e-4),
+        stiff(1e-4, 1e7, "implicitfast"),
+        stiff(2e-4, 1e6, "RK4"),
+        stiff(1e-4, 1e7, "RK4"),
     ]
-    squeezer_plants = {OURS: (fine, 1e-5, 1e-6), RIGID: (1e-5, 1e-6)}
+    squeezer_plants = {OURS: (1e-4, 1e-5, 1e-6), RIGID: (1e-5, 2e-6)}
     squeezer_settings = [
-        default_setting(),
-        default_setting(1e-5),
+        default_setting(1e-3),
+        default_setting(1e-4),
+        stiff(1e-5, 1e9, "implicitfast"),
         stiff(1e-5, 1e9, "RK4"),
         stiff(1e-6, 1e11, "RK4"),
     ]
     walk_settings = [
         default_setting(),
-        default_setting(fine),
-        stiff(fine, 1e7, "implicitfast"),
+        default_setting(1e-4),
+        stiff(1e-4, 1e7, "implicitfast"),
         stiff(4e-5, 1e7, "implicitfast", 1e7),
     ]
     duration = WALK_TIME
     if args.quick:
         plants = {OURS: (1e-3,), RIGID: (2.5e-4,)}
-        squeezer_plants = {OURS: (fine,), RIGID: (1e-5,)}
+        squeezer_plants = {OURS: (1e-4,), RIGID: (1e-5,)}
         swing_settings, squeezer_settings, walk_settings = (
             settings[:1] for settings in (swing_settings, squeezer_settings, walk_settings)
         )

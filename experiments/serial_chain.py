@@ -5,9 +5,10 @@ Run the experiment as follows. It takes about an hour on one core.
     python experiments/serial_chain.py [--seeds 10] [--quick]
 
 For each seed, PPO trains a policy on the closed linkage of the robot ``built`` and on two
-simplified models of it. Every policy then walks on every model. The script writes
-``docs/serial_chain/serial_chain.json`` and the tables of docs/serial_chain.md. Policies are kept in
-``logs/serial_chain``, and a policy that is already there is not trained again.
+simplified models of it. These policies, and controllers that were made for the closed linkage,
+then walk on every model. The script writes ``docs/serial_chain/serial_chain.json`` and the tables
+of docs/serial_chain.md. Policies are kept in ``logs/serial_chain``, and a policy that is already
+there is not trained again. ``--seeds 0`` trains no policies.
 """
 
 import math
@@ -32,6 +33,8 @@ COMMANDS = (0.1, 0.3, 0.5, 0.7)  # m/s
 SEED = 100  # of the episodes in which policies are compared
 STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
 MASSLESS = 1e-9  # kg, mass of a link that a model leaves out
+CONTROLLERS = ("pretrained", "pretrained:robust", "profile", "pid")
+"""Controllers that were trained or tuned on the closed linkage."""
 TURN = np.linspace(0.0, 2.0 * math.pi, 256, endpoint=False)
 
 CLOSED, TWO_LINK, LUMPED = "closed linkage", "two-link legs", "lumped legs"
@@ -44,6 +47,14 @@ METRICS = {
     "falls": 3,
 }
 """Metrics, and the number of decimals in the tables."""
+
+CONTROLLER_METRICS = {
+    "return": 0,
+    "steady_speed_error": 3,
+    "steady_slip_per_metre": 2,
+    "steady_cost_of_transport": 2,
+}
+"""Metrics of the controllers that were made for the closed linkage."""
 
 Means = dict[str, dict[str, list[dict[str, Any]]]]
 """Metrics of every seed, by the model of the training and the model of the test."""
@@ -138,19 +149,21 @@ def train_policy(name: str, robot: Robot, seed: int, quick: bool) -> Path:
     return folder / FINAL
 
 
-def score(file: Path, robot: Robot, episodes: int) -> dict[str, float | None]:
+def score(name: str, robot: Robot, episodes: int) -> dict[str, float | None]:
     """Return the metrics of a policy on a model, averaged over commands and episodes.
 
+    A baseline is made for the closed linkage, and does not know the model on which it walks.
+
     Args:
-        file: File of the policy.
+        name: Name of a baseline or of a pretrained policy, or the file of a policy.
         robot: The model.
         episodes: Number of episodes per command.
     """
     from jansen_env.cli.named_policies import load_named
     from jansen_env.scoring.rollout import make_env
 
-    env = make_env(ENV, {"robot": robot})
-    policy = load_named(str(file), env)
+    env = make_env(ENV, {"robot": models()[CLOSED]})
+    policy = load_named(name, env)
     env.close()
     found = evaluate(
         {"policy": policy}, ENV, {"robot": robot}, commands=COMMANDS, episodes=episodes, seed=SEED
@@ -172,7 +185,7 @@ def mean_and_half_width(values: Sequence[float | None]) -> tuple[float, float]:
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
-    """Return the tables of the page: models, returns, differences on the closed linkage, metrics."""
+    """Return the tables of the page: models, controllers, and then trained policies if any."""
     means: Means = results["scores"]
     names = [*means]
     properties = [
@@ -185,6 +198,17 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
             properties,
         )
     ]
+    rows = [
+        [controller, *(f"{values[metric]:.{decimals}f}" for values in by_model.values())]
+        for metric, decimals in CONTROLLER_METRICS.items()
+        for controller, by_model in results["controllers"].items()
+    ]
+    count = len(results["controllers"])
+    for k, metric in enumerate(CONTROLLER_METRICS):
+        head = f"controller of the {CLOSED}: {metric.replace('_', ' ')}"
+        made.append(table([head, *names], rows[k * count : (k + 1) * count]))
+    if not results["seeds"]:
+        return {PAGE: made}
     differences = []
     closed = [values["return"] for values in means[CLOSED][CLOSED]]
     for name in names[1:]:
@@ -223,11 +247,15 @@ def main() -> None:
     episodes = 1 if args.quick else 10
     robots = models()
     scores: Means = {name: {other: [] for other in robots} for name in robots}
+    controllers = {
+        name: {other: score(name, robot, episodes) for other, robot in robots.items()}
+        for name in CONTROLLERS
+    }
     for seed in seeds:
         for name, robot in robots.items():
             file = train_policy(name, robot, seed, args.quick)
             for other, there in robots.items():
-                scores[name][other].append(score(file, there, episodes))
+                scores[name][other].append(score(str(file), there, episodes))
             returns = [scores[name][other][-1]["return"] for other in robots]
             print(f"seed {seed}, {name}: {returns}", flush=True)
     properties = {
@@ -247,6 +275,7 @@ def main() -> None:
         "episodes": episodes,
         "seeds": len(seeds),
         "models": properties,
+        "controllers": controllers,
         "scores": scores,
     }
     publish(args.out, DATA, results, tables(results))

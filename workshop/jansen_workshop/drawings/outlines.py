@@ -189,7 +189,7 @@ def _check_walls(name: str, holes: Sequence[Round]) -> None:
     rows = [(hole.corners[0].real, hole.corners[0].imag, hole.radius) for hole in holes]
     pair = np.empty(2, np.int64)
     if find_thin_wall(np.array(rows), WALL, pair):
-        hole, other = (holes[k] for k in pair)
+        hole, other = (holes[k] for k in pair.tolist())
         apart = abs(other.corners[0] - hole.corners[0])
         raise ValueError(
             f"holes of {name} must have {WALL:g} mm between them, got holes of "

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import Floats2, kernel, stage
-from jansen_env.engine.random import number, uniform
+from jansen_env.engine.random import PUSH_STREAM, number, uniform
 from jansen_env.engine.records import row_dtype
-
-STREAM = 1  # number of the random stream for pushes; sensors and commands use other streams
 
 PUSHES = row_dtype(
     [
@@ -92,7 +90,7 @@ def fill_pushes(robot, schedule, settings, out):
         if _push(start, x, y, begin, settings, out):
             any_pushed = True
     if at_random:
-        strength, episode = robot.parameters.push_strength, number(robot.seed, STREAM)
+        strength, episode = robot.parameters.push_strength, number(robot.seed, PUSH_STREAM)
         first = int(mathematics.floor(begin * settings.time_step / settings.interval))
         last = int(mathematics.floor((begin + steps) * settings.time_step / settings.interval))
         for window in range(first, last + 1):

@@ -22,6 +22,10 @@ GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 FIRST_FACTOR, SECOND_FACTOR = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 FIRST_SHIFT, SECOND_SHIFT, LAST_SHIFT = np.uint64(30), np.uint64(27), np.uint64(31)
 ONE, UNUSED_BITS = np.uint64(1), np.uint64(12)
+# Numbers of the random streams of an episode. Each stream starts at ``number(seed, STREAM)``.
+SENSOR_STREAM = 0
+PUSH_STREAM = 1
+COMMAND_STREAM = 2
 SPACING = 2.0**-52  # spacing of uniform numbers; each is in the middle of an interval of this width
 
 

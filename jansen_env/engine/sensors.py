@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import stage
-from jansen_env.engine.random import normal, number
+from jansen_env.engine.random import SENSOR_STREAM, normal, number
 
-STREAM = 0  # number of the random stream for sensors; pushes and commands use other streams
 BIAS = 0  # number of the stream's key for the biases; the following keys are those of the steps
 
 
@@ -36,7 +35,7 @@ def sample_errors(robot, deviation, speeds, is_new, bias, error):
         The errors of the mean velocity in m/s and of the mean crank speed in rad/s.
     """
     size, level = len(deviation), robot.parameters.noise_level
-    stream = number(robot.seed, STREAM)
+    stream = number(robot.seed, SENSOR_STREAM)
     if is_new:
         key = number(stream, BIAS)
         for i in range(size):

@@ -21,8 +21,8 @@ PASSES = 2  # evaluations of the speed-dependent terms in a step
 BOUNCE_TRIES = 11  # smaller coefficients of restitution to try if the full one creates energy
 ROUNDING = 1e-9  # energy gain that counts as rounding, relative to impulse times old velocity
 
-# Stages of the search for velocities at which the contacts create no energy. The search tries them
-# in this order, skips stages that do not apply, and ends with the first one that succeeds:
+# Phases of the search for velocities at which the contacts create no energy. The search tries them
+# in this order, skips phases that do not apply, and ends with the first one that succeeds:
 #
 # - FULL_BOUNCE: the restitution of the terrain.
 # - WITHOUT_BOUNCE: no restitution.
@@ -31,7 +31,7 @@ ROUNDING = 1e-9  # energy gain that counts as rounding, relative to impulse time
 # - SEARCH, LENIENT_SEARCH: the largest restitution that creates no energy, either strictly or apart
 #   from the energy that other forces explain.
 # - WITHOUT_CURVATURE: neither restitution nor the curvature of the pads' paths.
-# - YIELDING: contacts that yield like wedged contacts. This stage is also entered at once if the
+# - YIELDING: contacts that yield like wedged contacts. This phase is also entered at once if the
 #   impulses are larger than the motion explains.
 FULL_BOUNCE, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE, YIELDING = range(7)
 
@@ -40,7 +40,7 @@ class Trial(NamedTuple):
     """Requirements on the velocities of the contacts, and the state of the search for them.
 
     Attributes:
-        stage: Stage of the search, ``FULL_BOUNCE`` to ``YIELDING``.
+        phase: Phase of the search, ``FULL_BOUNCE`` to ``YIELDING``.
         bounce: Coefficient of restitution.
         curved: Whether the curvature of the pads' paths is taken into account.
         least: Largest coefficient of restitution known to create no energy.
@@ -49,7 +49,7 @@ class Trial(NamedTuple):
         over: Whether the search is over, so that the last velocities are the result.
     """
 
-    stage: int
+    phase: int
     bounce: float
     curved: bool
     least: float
@@ -149,14 +149,14 @@ def solve_velocities(
             sliding = 0.0
             continue
         ratio = impulse_ratio(count, free, inertia, properties, contacts) if rigid else 0.0
-        if trial.stage == YIELDING:
+        if trial.phase == YIELDING:
             break
         if ratio > 1.0:
             regularise(count, contacts.problem.W, WEDGE_COMPLIANCE)
             contacts.problem.factored[0] = 0  # W has changed, so its factors are invalid
             trial = Trial(YIELDING, 0.0, False, 0.0, 0.0, 0, False)
             continue
-        if not checked or trial.stage == WITHOUT_CURVATURE:
+        if not checked or trial.phase == WITHOUT_CURVATURE:
             break
         creates = contact_gain(count, velocity, end, contacts) > 0.0
         # Compare with the energy that the other forces alone would leave. If there is no excess
@@ -165,50 +165,50 @@ def solve_velocities(
         trial = _next_trial(trial, restitution, creates, excess)
         if trial.over:
             break
-    may_gain = rigid and count > 0 and (trial.stage >= WITHOUT_CURVATURE or not checked)
+    may_gain = rigid and count > 0 and (trial.phase >= WITHOUT_CURVATURE or not checked)
     impulse = contacts.problem.P[2 * count + 1] if stuck else -h * sliding
     return Outcome(end, free, used, impulse, residual, may_gain, ratio)
 
 
 @stage
 def _next_trial(trial, restitution, creates, excess):
-    """Choose the next stage of the search from the energy that the last velocities created.
+    """Choose the next phase of the search from the energy that the last velocities created.
 
     Args:
-        trial: The last stage.
+        trial: The last phase.
         restitution: Coefficient of restitution of the terrain, or 0 if contacts are wedged.
         creates: Whether the contacts created energy.
         excess: Whether they created more energy than the other forces account for.
     """
-    stage, bounce, curved, least, most, tries, _ = trial
-    lenient = stage in (LENIENT, LENIENT_SEARCH)
+    phase, bounce, curved, least, most, tries, _ = trial
+    lenient = phase in (LENIENT, LENIENT_SEARCH)
     over = False
     if creates and excess and bounce == 0.0:
         # Restitution is not the cause, so it is the curvature of the pads' paths.
         return Trial(WITHOUT_CURVATURE, bounce, False, least, most, tries, not curved)
     if creates and lenient:
         creates = excess
-    if stage == FULL_BOUNCE:
+    if phase == FULL_BOUNCE:
         over = not creates or restitution == 0.0
         if not over:
-            stage, bounce = WITHOUT_BOUNCE, 0.0
-    elif stage == WITHOUT_BOUNCE and creates:
-        stage, bounce = LENIENT, restitution
-    elif stage == LENIENT and not creates:
+            phase, bounce = WITHOUT_BOUNCE, 0.0
+    elif phase == WITHOUT_BOUNCE and creates:
+        phase, bounce = LENIENT, restitution
+    elif phase == LENIENT and not creates:
         over = True
     elif tries > BOUNCE_TRIES:  # the last coefficient was the largest one found
         over = not creates
         if not over:
-            stage, bounce, curved = WITHOUT_CURVATURE, 0.0, False
+            phase, bounce, curved = WITHOUT_CURVATURE, 0.0, False
     else:
         if creates:
             most = bounce
         else:
             least = bounce
-        stage = LENIENT_SEARCH if lenient else SEARCH
+        phase = LENIENT_SEARCH if lenient else SEARCH
         bounce = least if tries == BOUNCE_TRIES else 0.5 * (least + most)
         tries += 1
-    return Trial(stage, bounce, curved, least, most, tries, over)
+    return Trial(phase, bounce, curved, least, most, tries, over)
 
 
 @stage

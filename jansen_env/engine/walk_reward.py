@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import APART, stage
-from jansen_env.engine.random import number, uniform
+from jansen_env.engine.random import COMMAND_STREAM, number, uniform
 from jansen_env.engine.readings import put
 from jansen_env.engine.records import floats, row_dtype
 
-STREAM = 2  # number of the random stream for commands; sensors and pushes use other streams
 FALLEN_PITCH = 1.2  # pitch beyond which the robot has fallen, in rad
 
 STEPS_PER_TURN = 4  # steps of the feet per turn of the crank; means are taken over a quarter turn
@@ -117,7 +116,7 @@ def sample_command(robot, walk):
     """
     steps = walk.command_steps
     if steps > 0 and robot.elapsed % steps == 0:
-        key = number(robot.seed, STREAM)
+        key = number(robot.seed, COMMAND_STREAM)
         low, high = walk.command_range[0], walk.command_range[1]
         walk.next_command = low + (high - low) * uniform(key, robot.elapsed)
 

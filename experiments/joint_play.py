@@ -6,12 +6,12 @@ gait, and the folder docs/joint_play.
     python experiments/joint_play.py [TURNS] [FOLDER]
 
 The robot ``built`` walks on the rigid-body plant with 0, 0.1, 0.3 and 0.5 mm of radial play in
-every pin of its legs, and with 1 degree of backlash between the motor and the crank. It walks once
-at each of two commands, under the packaged policy and under the PID. Every walk begins on the fast
-projection plant, without play, and continues on the rigid-body plant when it is steady. The script
-prints a table per controller and writes ``joint_play.json`` and ``joint_play.png``. The page
-docs/joint_play.md contains the tables and the figure, and ``joint_play.json`` contains the data.
-The run takes about five minutes on two idle cores.
+every pin of its legs, and with 1 degree of backlash between the motor and the crank. It walks from
+two initial states at each of two commands, under the packaged policy and under the PID. Every walk
+begins on the fast projection plant, without play, and continues on the rigid-body plant when it is
+steady. The script prints a table per controller and writes ``joint_play.json`` and
+``joint_play.png``. The page docs/joint_play.md contains the tables and the figure, and
+``joint_play.json`` contains the data. The run takes about six minutes of processor time.
 """
 
 import math
@@ -33,7 +33,7 @@ COMMANDS = (0.2, 0.3)  # m/s
 CONTROLLERS = ("policy", "pid")
 CASES = ((0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.0, 1.0))
 """Radial play in mm, and backlash in degrees."""
-SEED = 0
+SEEDS = (0, 1)  # of the initial states
 BEFORE = 4.0  # time for which a robot walks on the projection plant first, in s
 SETTLING = 0.3  # time on the rigid-body plant that the metrics leave out, in s
 LONGEST = 8.0  # time after which a walk ends even if its crank got stuck, in s
@@ -56,6 +56,7 @@ class Case(NamedTuple):
         play: Radial play of every pin of the legs, in mm.
         backlash: Backlash of the gear, in degrees.
         command: Commanded speed, in m/s.
+        seed: Seed of the initial state.
         turns: Turns of the crank after the first :data:`SETTLING` seconds.
     """
 
@@ -63,6 +64,7 @@ class Case(NamedTuple):
     play: float
     backlash: float
     command: float
+    seed: int
     turns: float
 
 
@@ -85,12 +87,12 @@ def walk(case: Case) -> dict[str, Any]:
     else:
         controller = pretrained.load(ENV)
     options = {"speed_command": case.command}
-    observation, _ = before.reset(seed=SEED, options=options)
+    observation, _ = before.reset(seed=case.seed, options=options)
     memory = None
     for step in range(round(BEFORE / before.control_dt)):
         action, memory = controller.predict(observation[None], memory, np.array([step == 0]), True)
         observation, *_ = before.step(action[0])
-    env.reset(seed=SEED, options=options)
+    env.reset(seed=case.seed, options=options)
     env.set_state(before.get_state())
     world = env.task.world
     world.plant.tracing = True
@@ -126,10 +128,11 @@ def walk(case: Case) -> dict[str, Any]:
 def measure(turns: float) -> list[dict[str, Any]]:
     """Return the metrics of every walk, together with its case."""
     cases = [
-        Case(controller, play, backlash, command, turns)
+        Case(controller, play, backlash, command, seed, turns)
         for controller in CONTROLLERS
         for command in COMMANDS
         for play, backlash in CASES
+        for seed in SEEDS
     ]
     with ProcessPoolExecutor(2) as pool:
         walks = pool.map(walk, cases)
@@ -141,12 +144,12 @@ def measure(turns: float) -> list[dict[str, Any]]:
 
 def table(walks: list[dict[str, Any]], controller: str) -> str:
     """Return the table of a controller, as docs/joint_play.md contains it."""
-    headings = ["command (m/s)", "play (mm)", "backlash (degrees)"]
+    headings = ["command (m/s)", "play (mm)", "backlash (degrees)", "seed"]
     headings += [*(heading for heading, _ in COLUMNS.values()), "fall"]
     lines = ["| " + " | ".join(headings) + " |", "|" + " ---: |" * len(headings)]
     for row in walks:
         if row["controller"] == controller:
-            cells = [f"{row[name]:g}" for name in ("command", "play", "backlash")]
+            cells = [f"{row[name]:g}" for name in ("command", "play", "backlash", "seed")]
             cells += [f"{row[name]:{form}}" for name, (_, form) in COLUMNS.items()]
             cells.append("yes" if row["fallen"] else "no")
             lines.append("| " + " | ".join(cells) + " |")
@@ -154,7 +157,7 @@ def table(walks: list[dict[str, Any]], controller: str) -> str:
 
 
 def draw(walks: list[dict[str, Any]], path: Path) -> None:
-    """Draw the metrics of the walks without backlash against the play."""
+    """Draw the metrics of the walks without backlash, and their means, against the play."""
     names = "speed", "slip", "pin_force_max", "crank_torque_max"
     figure, axes = plt.subplots(2, 2, figsize=(8, 5.4), sharex=True, layout="constrained")
     for axis, name in zip(axes.flat, names, strict=True):
@@ -167,11 +170,13 @@ def draw(walks: list[dict[str, Any]], path: Path) -> None:
                     and row["command"] == command
                     and row["backlash"] == 0.0
                 ]
-                plays = [row["play"] for row in line]
+                plays = sorted({row["play"] for row in line})
+                means = [np.mean([r[name] for r in line if r["play"] == play]) for play in plays]
+                (drawn,) = axis.plot(plays, means, label=f"{controller}, {command} m/s")
                 values = [row[name] for row in line]
-                axis.plot(plays, values, "o-", label=f"{controller}, {command} m/s")
+                axis.plot([row["play"] for row in line], values, "o", color=drawn.get_color())
         axis.set_ylabel(COLUMNS[name][0])
-        axis.set_ylim(bottom=0.0)
+        axis.set_ylim(bottom=min(0.0, 1.3 * min(row[name] for row in walks)))
         axis.grid(alpha=0.3)
     for axis in axes[1]:
         axis.set_xlabel("radial play of every pin (mm)")
@@ -188,7 +193,7 @@ def main() -> None:
     walks = measure(turns)
     for controller in CONTROLLERS:
         print(f"\n{controller}\n\n{table(walks, controller)}")
-    write_json(folder / "joint_play.json", {"turns": turns, "seed": SEED, "walks": walks})
+    write_json(folder / "joint_play.json", {"turns": turns, "seeds": [*SEEDS], "walks": walks})
     draw(walks, folder / "joint_play.png")
 
 

@@ -532,5 +532,5 @@ def test_the_machine_that_would_be_cut_is_a_robot(name, tmp_path):
 
 def test_parts_too_small_for_their_pins_are_refused():
     robot = built_robot().with_bodies(crank=Bar(0.01))
-    with pytest.raises(ValueError, match="holes of crank .* got holes of 6 and 3"):
+    with pytest.raises(ValueError, match=r"holes of crank .* got holes of 6 and 3"):
         cut_parts(robot)

@@ -20,12 +20,12 @@ from ezdxf.math import area
 from ezdxf.path import make_path
 from known_designs import DESIGNS
 
-from jansen_env import Bar, built_robot
+from jansen_env import Bar, Spring, TorsionSpring, built_robot
 from jansen_env.robot import ROBOTS, Leg
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import joint_positions, toe_positions
-from jansen_env.robot.linkage import CRANK
-from jansen_env.robot.part_sizes import WALL, feet_of, radii
+from jansen_env.robot.linkage import CRANK, FRAME
+from jansen_env.robot.part_sizes import M3, WALL, feet_of, radii
 from jansen_env.robot.robot_file import read_robot, write_robot
 from jansen_env.scoring.rollout import make_env
 from jansen_workshop.commands import drawings as command
@@ -40,6 +40,7 @@ from jansen_workshop.drawings.order import Order
 from jansen_workshop.drawings.outlines import coupon, cut_parts
 from jansen_workshop.drawings.shaft_order import CollisionError, carried
 from jansen_workshop.drawings.sheets import ALIKE, MARGIN, SCALE, nest, to_dxf, to_stl, to_svg
+from jansen_workshop.drawings.spring_parts import missing_brackets, spring_rows
 
 DIFFERENT = [name for name in DESIGNS if not name.endswith("slender")]
 OTHER_LINKS = [name for name in DIFFERENT if name not in ("paper", "phases3", "odd")]
@@ -534,3 +535,61 @@ def test_parts_too_small_for_their_pins_are_refused():
     robot = built_robot().with_bodies(crank=Bar(0.01))
     with pytest.raises(ValueError, match=r"holes of crank .* got holes of 6 and 3"):
         cut_parts(robot)
+
+
+ANCHOR = -0.2 * np.exp(1j * built_robot().frame_angle)  # m, on the bar of the frame
+SPRINGS = (
+    Spring("E", anchor=(ANCHOR.real, ANCHOR.imag), stiffness=30.0, rest_length=0.2),
+    Spring("D", "C", stiffness=40.0, rest_length=0.3),
+    Spring("B", anchor=(-0.4, 0.4), stiffness=50.0),
+    TorsionSpring("rocker", "foot", stiffness=0.2, rest_angle=0.3),
+)
+
+
+def test_springs_have_holes_and_lines_in_the_bill():
+    """An end on a frame has a hole at its distance from the axis; one beside it needs a bracket."""
+    plain = built_robot()
+    sprung = replace(plain, springs=SPRINGS)
+    for part, other in zip(cut_parts(plain), cut_parts(sprung), strict=True):
+        more = len(other.holes) - len(part.holes)
+        assert more == (part.number == FRAME or part.name == "frame-doubler"), part.name
+    frame = cut_parts(sprung)[FRAME - 1]
+    hole = frame.holes[-1]
+    assert hole.radius == M3
+    assert abs(hole.corners[0] - frame.joints["O"]) == pytest.approx(200.0)
+    rows = spring_rows(sprung)
+    assert [row.number for row in rows] == [4] * 4
+    assert [row.name for row in rows] == [
+        "spring E-chassis", "spring D-C", "spring B-chassis", "torsion spring rocker-foot",
+    ]  # fmt: skip
+    assert rows[0].dimensions.startswith("30 N/m, rest 200.0 mm, longest ")
+    assert rows[0].note.startswith(
+        "eye on the pin of 6 mm at E; hole of 3.2 mm in frame at (-197.99"
+    )
+    assert rows[1].note == "eye on the pin of 6 mm at D; eye on the pin of 6 mm at C"
+    assert "bracket at (-400, 400) mm" in rows[2].note
+    assert rows[3].dimensions == "0.2 N m/rad, no torque at 17.2 degrees"
+    (warning,) = missing_brackets(sprung)
+    assert "spring B-chassis" in warning
+    assert spring_rows(plain) == [] and missing_brackets(plain) == []
+
+
+@pytest.mark.slow
+def test_a_robot_with_springs_is_drawn(tmp_path, capsys):
+    """The command writes all files, the springs are lines of the bill, and nothing else changes."""
+    bills = []
+    for name, springs in (("plain", ()), ("sprung", SPRINGS[1:2])):
+        write_robot(tmp_path / f"{name}.json", replace(built_robot(), springs=springs))
+        command.main([str(tmp_path / f"{name}.json"), "--out", str(tmp_path / name)])
+        with (tmp_path / name / "materials.csv").open(encoding="utf-8") as file:
+            bills.append([row[1:] for row in csv.reader(file)])
+    assert [row for row in bills[1] if row not in bills[0]] == [
+        row for row in bills[1] if row[0] == "spring D-C"
+    ]
+    assert len(bills[1]) == len(bills[0]) + 1
+    assert "the 4 springs are in the bill of materials" in capsys.readouterr().out
+    for path in sorted((tmp_path / "plain").rglob("*.svg")):
+        assert (
+            path.read_bytes()
+            == (tmp_path / "sprung" / path.relative_to(tmp_path / "plain")).read_bytes()
+        )

@@ -114,5 +114,5 @@ def main(arguments: list[str] | None = None) -> None:
     print(summary)
     if robot.springs:
         count = len(robot.springs) * len(robot.legs)
-        print(f"not drawn: the {count} springs of the legs, which the robot file describes")
+        print(f"the {count} springs are in the bill of materials, but not in the instructions")
     print(f"written: {out}")

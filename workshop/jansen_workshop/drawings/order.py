@@ -23,6 +23,7 @@ from jansen_workshop.drawings.materials import (
 from jansen_workshop.drawings.outlines import cut_parts
 from jansen_workshop.drawings.shaft_order import Placed
 from jansen_workshop.drawings.solids import AssemblyPiece
+from jansen_workshop.drawings.spring_parts import spring_rows
 
 PLYWOOD_SPREAD = -0.10, 0.13
 """Lowest and highest relative deviation of a plywood part's mass from its nominal mass.
@@ -100,7 +101,8 @@ class Order:
         """All lines of the bill.
 
         First come the parts to cut, in the order of their numbers. Then come the bought components
-        of ``parts.yml``, and last the fasteners and other joining parts, sorted by name and size.
+        of ``parts.yml`` and the springs, and last the fasteners and other joining parts, sorted by
+        name and size.
         """
         catalogue = read_catalogue(self.robot.material)
         cut = flat_rows(self.robot, catalogue.prices)
@@ -115,6 +117,7 @@ class Order:
             )
             for component in catalogue.components
         ]
+        bought += spring_rows(self.robot)
         if self.assembly is None:
             return [*cut, *bought, *_simulated_joining_parts(self.robot)]
         listed = {part.name for part in (*cut, *bought)}

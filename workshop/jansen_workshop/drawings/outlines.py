@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jansen_env.engine.cutting import find_thin_wall, margin_of, put_holes
-from jansen_env.robot import Robot
+from jansen_env.robot import Robot, Spring
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
 from jansen_env.robot.kinematics import joint_positions
@@ -28,6 +28,7 @@ from jansen_env.robot.part_sizes import (
     pin_hole_radii,
     radii,
 )
+from jansen_env.robot.spring import carrier
 from jansen_workshop.drawings.convex import Round, gap, hull, rectangle, sides
 from jansen_workshop.drawings.mount import SIZES, mount_of, ties
 
@@ -167,10 +168,11 @@ def link_part(robot: Robot, body: int) -> CutPart:
         flat = Round(hull([*corners, *holes[-1].corners]))
     if body == FRAME:
         holes += _mount_holes(robot, at)
-    _check_walls(name, holes)
     thickness, margin = _thickness_and_margin(robot, body, flat)
-    windows = _windows(flat, margin, holes, feet if build is ALUMINIUM else [])
     text = _name_line(robot, body, at, flat, holes)
+    holes += spring_holes(robot, body, Round(flat.corners, margin), holes)
+    _check_walls(name, holes)
+    windows = _windows(flat, margin, holes, feet if build is ALUMINIUM else [])
     return CutPart(
         name,
         1e3 * thickness,
@@ -271,6 +273,62 @@ def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
     way = (pivot - axis) / abs(pivot - axis)
     radius = SIZES[robot.build.screw].clearance
     return [Round((axis + reach * way,), radius) for reach in mount_of(robot.build).screws]
+
+
+class SpringEnd(NamedTuple):
+    """End of a linear spring on a part.
+
+    Attributes:
+        joint: Name of the joint at the end; empty for a point of the chassis.
+        body: Number of the body that carries the end, from 1 on.
+        place: Position in the axes of this body, in mm.
+    """
+
+    joint: str
+    body: int
+    place: complex
+
+
+def spring_ends(robot: Robot, spring: Spring) -> tuple[SpringEnd, SpringEnd]:
+    """Return both ends of a linear spring."""
+    start = _joint_end(robot, spring.start, carrier(robot.linkage, spring.start) + 1)
+    if spring.end:
+        return start, _joint_end(robot, spring.end, carrier(robot.linkage, spring.end) + 1)
+    axis = _joint_end(robot, robot.linkage.joints[robot.linkage.axis], FRAME)
+    anchor = 1e3 * complex(*spring.anchor) * cmath.exp(-1j * robot.frame_angle)
+    return start, SpringEnd("", FRAME, axis.place + anchor)
+
+
+def _joint_end(robot: Robot, joint: str, body: int) -> SpringEnd:
+    """Return the end of a spring at a joint of a body."""
+    corner = robot.linkage.bodies[body - 1][1].index(joint)
+    reach, turn = robot.bodies[body - 1].corners[corner]
+    return SpringEnd(joint, body, cmath.rect(1e3 * reach, turn))
+
+
+def spring_holes(robot: Robot, body: int, outline: Round, holes: Sequence[Round]) -> list[Round]:
+    """Return the holes of a part for screws that hold ends of springs.
+
+    An end has no hole if it lies at another hole, such as that of a pin, if the part carries its
+    foot there, or if the part does not reach so far.
+
+    Args:
+        robot: Robot that the part belongs to.
+        body: Number of the body, from 1 on.
+        outline: Outline of the part.
+        holes: Other holes of the part.
+    """
+    springs = [spring for spring in robot.springs if isinstance(spring, Spring)]
+    ends = [end for spring in springs for end in spring_ends(robot, spring) if end.body == body]
+    free: list[Round] = []
+    for end in ends:
+        taken = (hole.corners[0] for hole in (*holes, *free))
+        if end.joint in feet_of(robot, body) or any(abs(z - end.place) < 1e-3 for z in taken):
+            continue
+        beyond = gap(np.array([end.place]), np.array(outline.corners))
+        if beyond + M3 + WALL <= outline.radius:
+            free.append(Round((end.place,), M3))
+    return free
 
 
 def _windows(

@@ -16,6 +16,7 @@ from jansen_workshop.drawings.materials import counts, to_csv
 from jansen_workshop.drawings.order import Order
 from jansen_workshop.drawings.outlines import CutPart, coupon, cut_parts
 from jansen_workshop.drawings.shaft_order import CollisionError, layers
+from jansen_workshop.drawings.spring_parts import missing_brackets
 
 COUPON = 215 + 125j  # mm, width and height of the sheet for the coupon
 CROSS = 3.0  # mm, half the length of a mark's line
@@ -264,6 +265,7 @@ def drawings(
         files["instructions.pdf"] = Manual(order, flat, cut_coupon).to_pdf(title)
         warnings += _fault_warnings(order)
     files["materials.csv"] = to_csv(order.parts)
+    warnings += missing_brackets(robot)
     warnings += _mass_warnings(order)
     return files, "\n".join([_summary(order), *warnings])
 

@@ -7,9 +7,9 @@ Run the experiment as follows. The defaults are 64 episodes per command and the 
 The script records the crank torque of three robots that walk at constant crank speed. It then
 searches for the spring with which the peak torque is smallest, and for the one with which the RMS
 torque is smallest. The robots walk with and without these springs under a PID. The script prints
-the tables and writes ``springs.json``, ``springs.png`` and a robot file for each sprung robot. The
-page docs/springs.md contains the tables and the figure. The run takes about three minutes on two
-cores.
+the tables and writes ``springs.json``, ``springs.png``, a robot file for each sprung robot, and
+``robot.png``, a picture of one of them. The page docs/springs.md contains the tables and the
+figures. The run takes about three minutes on two cores.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Spring
 from jansen_env.robot.kinematics import advance_per_turn, joints_of_legs
 from jansen_env.robot.linkage import FRAME
-from jansen_env.robot.robot_file import write_robot
+from jansen_env.robot.robot_file import read_robot, write_robot
 from jansen_env.scoring.benchmarks import find_benchmark
 
 ENV = "JansenWalkerBuilt-v0"
@@ -344,8 +344,17 @@ def draw(results: dict[str, Any], path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
+def picture(robot: Robot, path: Path) -> None:
+    """Write a picture of a standing robot."""
+    env: gym.Env[Any, Any] = gym.make("JansenWalkerBuilt-v0", robot=robot, render_mode="rgb_array")
+    env.reset(seed=0)
+    image: Any = env.render()
+    plt.imsave(path, image)
+    env.close()
+
+
 def main() -> None:
-    """Measure, print the tables, and write the data, the figure and the robot files."""
+    """Measure, print the tables, and write the data, the figures and the robot files."""
     episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 64
     folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/springs")
     folder.mkdir(parents=True, exist_ok=True)
@@ -361,6 +370,7 @@ def main() -> None:
     data = {"commands": COMMANDS, "episodes": episodes, "robots": results}
     write_json(folder / "springs.json", data)
     draw(results, folder / "springs.png")
+    picture(read_robot(folder / "stroller_rms.json"), folder / "robot.png")
 
 
 if __name__ == "__main__":

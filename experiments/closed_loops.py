@@ -395,7 +395,7 @@ def walks(
         duration: Measured duration of each walk, in s.
 
     Returns:
-        Simulator, settings, gap in m, distance in m, slip per distance, cost of transport, and CPU
+        Simulator, settings, gap in m, speed in m/s, slip per distance, cost of transport, and CPU
         time per simulated second, in s.
     """
     robot, ground = ROBOTS["paper"](), Terrain.flat(FRICTION)
@@ -417,7 +417,7 @@ def walks(
 
 
 def _walked(plant: Plant, duration: float) -> list[float | None]:
-    """Let a robot walk; return gap, distance, slip, cost of transport and CPU time."""
+    """Let a robot walk; return gap, speed, slip, cost of transport and CPU time."""
     gaps = [0.0]
 
     def watch(result: StepResult) -> None:
@@ -427,7 +427,7 @@ def _walked(plant: Plant, duration: float) -> list[float | None]:
         found = walk(plant, CRANK_SPEED, duration, watch=watch)
     except FloatingPointError:
         return [None] * 5
-    numbers = found.distance, found.slip, found.cost_of_transport
+    numbers = found.speed, found.slip, found.cost_of_transport
     return [max(gaps), *(None if math.isnan(n) else n for n in numbers), _walking_time(plant)]
 
 
@@ -466,7 +466,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
             "energy error (fraction of the work)", "error of the crank angle (rad)",
         ],
         "walk": [
-            "simulator (walk)", "settings", "widest gap (m)", "distance (m)", "slip (m/m)",
+            "simulator (walk)", "settings", "widest gap (m)", "speed (m/s)", "slip (m/m)",
             "cost of transport",
         ],
     }  # fmt: skip

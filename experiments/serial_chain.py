@@ -113,6 +113,16 @@ def models() -> dict[str, Robot]:
     }
 
 
+def half_steps() -> dict[str, Robot]:
+    """Return models that change only one property, on which only the controllers walk."""
+    closed = ROBOTS["built"]()
+    frictionless = (0.0,) * len(closed.bearing_friction)
+    return {
+        "closed linkage, pins without friction": replace(closed, bearing_friction=frictionless),
+        "two-link legs with a flywheel": with_flywheel(models()[TWO_LINK], closed),
+    }
+
+
 def crank_inertia(robot: Robot) -> tuple[float, float]:
     """Return the smallest and the largest inertia at the crank over a turn, in kg m^2."""
     k = body_sums(compile_robot(robot), TURN).k
@@ -206,7 +216,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     count = len(results["controllers"])
     for k, metric in enumerate(CONTROLLER_METRICS):
         head = f"controller of the {CLOSED}: {metric.replace('_', ' ')}"
-        made.append(table([head, *names], rows[k * count : (k + 1) * count]))
+        made.append(table([head, *results["models"]], rows[k * count : (k + 1) * count]))
     if not results["seeds"]:
         return {PAGE: made}
     differences = []
@@ -246,9 +256,10 @@ def main() -> None:
     seeds = range(1 if args.quick else args.seeds)
     episodes = 1 if args.quick else 10
     robots = models()
+    all_models = {**robots, **half_steps()}
     scores: Means = {name: {other: [] for other in robots} for name in robots}
     controllers = {
-        name: {other: score(name, robot, episodes) for other, robot in robots.items()}
+        name: {other: score(name, robot, episodes) for other, robot in all_models.items()}
         for name in CONTROLLERS
     }
     for seed in seeds:
@@ -268,7 +279,7 @@ def main() -> None:
             ),
             "crank_inertia": crank_inertia(robot),
         }
-        for name, robot in robots.items()
+        for name, robot in all_models.items()
     }
     results = {
         "commands": COMMANDS,

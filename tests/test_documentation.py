@@ -92,6 +92,10 @@ def _has_help(program: tuple[str, ...]) -> bool:
     return "argparse" in source or "options(__doc__" in source
 
 
+IN_MUJOCO = ("closed_loops.py", "mujoco_witness.py", "transfer.py")
+"""Experiments that import MuJoCo."""
+
+
 @pytest.mark.parametrize("program", commands(), ids=" ".join)
 @pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")  # runpy's
 def test_commands_have_the_options_that_pages_use(
@@ -99,7 +103,7 @@ def test_commands_have_the_options_that_pages_use(
 ) -> None:
     if program[-1] in ("agents.study", "examples/rllib_ppo.py"):
         pytest.importorskip("ray")
-    if program[-1] in ("experiments/mujoco_witness.py", "experiments/transfer.py"):
+    if program[-1].removeprefix("experiments/") in IN_MUJOCO:
         pytest.importorskip("mujoco")
     monkeypatch.syspath_prepend(ROOT)
     monkeypatch.setattr(sys, "argv", [program[-1], "--help"])

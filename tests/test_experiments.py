@@ -21,7 +21,7 @@ SCRIPTS = {
 """Experiments; the other modules of the folder belong to several of them."""
 SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs": "2"}
 """Arguments with which experiments with a command line of their own take seconds."""
-IN_MUJOCO = {"mujoco_witness", "transfer"}
+IN_MUJOCO = {"closed_loops", "mujoco_witness", "transfer"}
 UNPUBLISHED = {
     "climbing",
     "linkages",

@@ -25,20 +25,23 @@ from closed_loops import (
     CRANK_SPEED,
     FRICTION,
     NEWTON,
+    SWING_SPEED,
+    PlantMachine,
+    swinging_robot,
+)
+from pages import DOCS
+from reference_problems import (
     SQUEEZER_END,
     SQUEEZER_START,
     SQUEEZER_TIME,
     SQUEEZER_TORQUE,
-    SWING_SPEED,
-    PlantMachine,
     squeezer,
-    swinging_robot,
 )
-from pages import DOCS
 from walks import CONTROL_DT
 
 from jansen_env import ROBOTS, Robot, Terrain
 from jansen_env.arrays import Array
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.spring_forces import end_position, spring_ends
 from jansen_env.files import write_json
 from jansen_env.plants.mujoco_model import body_names, to_mjcf
@@ -316,7 +319,7 @@ def swing(setting: Setting) -> list[Any]:
     kinetic = exact.energy - PlantMachine(plant, 0.0, 0.0).energy
     exact = PlantMachine(plant, 0.0, SWING_SPEED)
     exact.advance(0.0, SWING_TIME + setting.time_step)
-    machine = Kamino(robot, None, setting, 9.81, q, v)
+    machine = Kamino(robot, None, setting, GRAVITY, q, v)
     angle, gap, drift, seconds = follow(machine, 0.0, SWING_TIME, 40)
     return [SIMULATOR, setting.label, gap, drift / kinetic, abs(angle - exact.angle), seconds]
 
@@ -340,7 +343,7 @@ def walk(setting: Setting) -> list[Any]:
     robot, ground = ROBOTS["paper"](), Terrain.flat(FRICTION)
     plant = ProjectionPlant(robot, ground)
     plant.reset(crank_angle=0.0)
-    machine = Kamino(robot, ground, setting, 9.81, plant.state[:4], np.zeros(4))
+    machine = Kamino(robot, ground, setting, GRAVITY, plant.state[:4], np.zeros(4))
     limit = robot.motor.torque_limit
     reference, integral, work = 0.0, np.zeros(()), 0.0
     first, last = round(SETTLE / CONTROL_DT), round((SETTLE + WALK_TIME) / CONTROL_DT)
@@ -364,7 +367,7 @@ def walk(setting: Setting) -> list[Any]:
         if not np.isfinite(centres).all() or abs(angles[CHASSIS]) > 1.2:
             return [SIMULATOR, setting.label, *[None] * 5]
     way = float(machine.motion()[1][CHASSIS, 0]) - start
-    cost = work / (robot.mass * 9.81 * abs(way))
+    cost = work / (robot.mass * GRAVITY * abs(way))
     walked = CONTROL_DT * (last - first)
     seconds = machine.seconds / walked
     return [SIMULATOR, setting.label, machine.gap, way / walked, None, cost, seconds]

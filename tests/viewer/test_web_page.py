@@ -112,10 +112,13 @@ def test_sums_are_those_of_each_step():
     (track,) = recordings_of(page(recording))
     assert track["scene"]["weight"] == pytest.approx(weights[0])
     packed = track["arrays"]
-    sums = [unpacked(packed[name])[-1] for name in ("distance", "slipped", "lifted")]
-    np.testing.assert_allclose(sums, [distance, slipped, lifted], rtol=1e-6)
+    ratios = [unpacked(packed[name]) for name in ("slipPerMetre", "costOfTransport")]
+    assert np.isnan(ratios)[:, 0].all()
+    expected = slipped / distance, lifted / distance
+    np.testing.assert_allclose(np.array(ratios)[:, -1], expected, rtol=1e-6)
     still = replace(recording, command=np.zeros(151))
-    assert unpacked(recordings_of(page(still))[0]["arrays"]["distance"])[-1] == pytest.approx(x)
+    packed = recordings_of(page(still))[0]["arrays"]
+    assert unpacked(packed["slipPerMetre"])[-1] == pytest.approx(slipped / x)
 
 
 def test_nothing_else_may_run(recording):

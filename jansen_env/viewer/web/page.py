@@ -25,7 +25,7 @@ from jansen_env.viewer.web.geometry import scene_of_robot
 FOLDER = Path(__file__).parent
 MOST_RECORDINGS = 2
 MAX_BYTES = 2**26  # largest size of the recordings in a page; browsers open larger pages slowly
-SINGLE_NUMBERS = 16  # values per frame besides joints and toes: time, pose, speeds, ...
+SINGLE_NUMBERS = 15  # values per frame besides joints and toes: time, pose, speeds, ...
 VERTEX_BYTES = 52  # largest size of a vertex of the terrain as JSON
 SEEN = 30.0  # m, length of terrain included beyond either end of the rollout
 LONGEST_TEXT = 500  # largest number of characters in the line under the title
@@ -238,6 +238,7 @@ def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str,
     # Direction commanded in each step; forwards if all commands are zero.
     command = recording.command[:-1]
     directions = np.sign(command) if command.any() else np.ones(recording.steps)
+    distance = _after_start(directions * np.diff(axis[:, 0])).cumsum()
     # Heights to which the motor work would lift the robot.
     lifts = np.abs(recording.energy_of("motor_work")) / recording.weight[1:]
     arrays = {
@@ -254,10 +255,9 @@ def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str,
         "power": _after_start(recording.power),
         "reward": _after_start(recording.reward),
         "slip": _after_start(slip / np.diff(recording.time)),
-        "distance": _after_start(directions * np.diff(axis[:, 0])).cumsum(),
         "returned": _after_start(recording.reward).cumsum(),
-        "slipped": _after_start(slip).cumsum(),
-        "lifted": _after_start(lifts).cumsum(),
+        "slipPerMetre": _per_metre(slip, distance),
+        "costOfTransport": _per_metre(lifts, distance),
     }
     packed = {
         name: base64.b64encode(values.astype("<f4").tobytes()).decode()
@@ -271,7 +271,6 @@ def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str,
     return {
         "scene": scene,
         "ended": recording.terminated,
-        "leastDistance": MIN_DISTANCE,
         "arrays": packed,
     }
 
@@ -279,6 +278,21 @@ def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str,
 def _after_start(values: Array) -> Array:
     """Prepend a 0 for the first frame to values of steps, shape (n, ...)."""
     return np.concatenate([np.zeros_like(values[:1]), values])
+
+
+def _per_metre(values: Array, distance: Array) -> Array:
+    """Return sums of values up to each frame, divided by the distance up to there.
+
+    Args:
+        values: Values of the steps, in m, shape (n,).
+        distance: Distance up to each frame, in m, shape (n + 1,).
+
+    Returns:
+        Ratios, shape (n + 1,), which are NaN where the distance is at most :data:`MIN_DISTANCE`.
+    """
+    ratios = np.full(len(distance), np.nan)
+    is_far = distance > MIN_DISTANCE
+    return np.divide(_after_start(values).cumsum(), distance, out=ratios, where=is_far)
 
 
 def _turned(angles: Array) -> Array:

@@ -91,8 +91,7 @@ export function pathOf(track, toe, time, seconds) {
 /** The numbers of a control step, by the names of `NUMBERS`; null where there is none. */
 export function numbersAt(track, k) {
   const { pose } = track;
-  const distance = track.distance[k];
-  const far = distance > track.leastDistance;
+  const known = (value) => (Number.isNaN(value) ? null : value);
   return {
     command: track.command[k],
     speed: track.speed[k],
@@ -103,7 +102,7 @@ export function numbersAt(track, k) {
     position: pose[4 * k],
     pitch: pose[4 * k + 2],
     returned: track.returned[k],
-    slipPerMetre: far ? track.slipped[k] / distance : null,
-    costOfTransport: far ? track.lifted[k] / distance : null,
+    slipPerMetre: known(track.slipPerMetre[k]),
+    costOfTransport: known(track.costOfTransport[k]),
   };
 }

@@ -6,17 +6,22 @@ A linkage contains no lengths. The lengths, masses and inertias of the bodies be
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
+from jansen_env.arrays import Ints
 from jansen_env.checks import entries, instance, invalid, shown
+from jansen_env.engine.topology import LINKAGE_FAULTS, find_linkage_fault, put_pads
 
 FRAME = 1  # number of the chassis, which all legs share
 CRANK = 2  # number of the crank, which all legs share
 LONGEST_NAME = 60  # largest length of a body's name, in bytes
+LARGEST_NUMBER = 2**31  # largest number of a body in a row; beyond any linkage
 INDEPENDENT = 4  # number of independent coordinates: three of the frame, and the crank angle
 
 
@@ -77,8 +82,9 @@ class Linkage:
             the crank's joints. The body is then the frame, or else the last body with this joint.
 
     Raises:
-        ValueError: If a row has the wrong form, the dyads do not determine all joints, the pins do
-            not hold all bodies together, or the leg does not have one degree of freedom.
+        ValueError: If a row has the wrong form, a rule of :mod:`jansen_env.engine.topology` is
+            broken, the pins do not hold all bodies together, or the leg does not have one degree of
+            freedom.
     """
 
     bodies: tuple[tuple[str, str], ...]
@@ -103,7 +109,7 @@ class Linkage:
         self._set_rows("pads", "(joint, body)", (str, int))
         self._check_names()
         default("joints", "".join(dict.fromkeys("".join(joints for _, joints in self.bodies))))
-        self._check_closing()
+        self._check_rules()
         default("pins", self._pins())
         self._check_pins()
         default("damped", tuple((pin.other, pin.body) for pin in self.pins))
@@ -139,13 +145,14 @@ class Linkage:
         rows = []
         for row in entries(f"Linkage.{name}", getattr(self, name), f"rows {allowed}"):
             cells = entries(f"Linkage.{name}", row, f"rows {allowed}")
-            if tuple(map(type, cells)) != kinds:
+            is_large = any(isinstance(cell, int) and abs(cell) > LARGEST_NUMBER for cell in cells)
+            if is_large or tuple(map(type, cells)) != kinds:
                 raise ValueError(f"Linkage.{name} must have rows {allowed}, got {shown(row)}")
             rows.append(make(*cells))
         object.__setattr__(self, name, tuple(rows))
 
     def _check_names(self) -> None:
-        """Check the names of bodies and joints, and that all numbers are those of bodies."""
+        """Check the names of bodies and joints, and that pins are at joints of their bodies."""
         if len(self.bodies) < 2:
             raise ValueError(f"Linkage.bodies must have at least 2 bodies, got {len(self.bodies)}")
         known = {*"".join(joints for _, joints in self.bodies)}
@@ -166,52 +173,45 @@ class Linkage:
                 )
         for name in ("toes", "joints"):
             instance(f"Linkage.{name}", getattr(self, name), str)
-        if not self.toes or not {*self.toes} <= known or len({*self.toes}) != len(self.toes):
-            raise invalid("Linkage.toes", self.toes, f"of {sorted(known)}, each once")
+        if not self.toes:
+            raise ValueError("Linkage.toes must have at least one joint, got none")
         if not self.dyads:
             raise ValueError("Linkage.dyads must have at least one Dyad, got none")
-        pads = [joint for joint, _ in self.pads]
-        if len({*pads, *self.toes}) < len(pads) + len(self.toes):
-            raise invalid("Linkage.pads", self.pads, "no toes, each once")
         if self.joints and sorted(self.joints) != sorted(known):
             raise invalid("Linkage.joints", self.joints, f"{sorted(known)}")
-        held = [(pin.joint, body) for pin in self.pins for body in pin[1:]] + [*self.pads]
-        for joint, body in held:
-            if not 1 <= body <= len(self.bodies) or joint not in self.bodies[body - 1][1]:
-                raise ValueError(f"Linkage has {joint} on body {body}, which has no such joint")
-        for pair in (*self.damped, *self.bearings):
-            if pair[0] == pair[1] or not all(1 <= body <= len(self.bodies) for body in pair):
-                raise ValueError(
-                    f"a pair of bodies of Linkage must be two from 1 to {len(self.bodies)}, "
-                    f"got {pair}"
-                )
-
-    def _check_closing(self) -> None:
-        """Check that the dyads determine every joint."""
-        (_, frame), (_, crank) = self.bodies[:2]
-        if crank[0] not in frame:
-            raise ValueError(
-                f"the joints of Linkage's crank must begin with one of {frame!r}, got {crank!r}"
-            )
-        known = {*frame, *crank}
-        for dyad in self.dyads:
-            for end in (dyad.start, dyad.end):
-                if end not in known:
-                    raise ValueError(f"Linkage's {dyad} starts at {end}, which is not known yet")
-            if dyad.joint in known:
-                raise ValueError(f"Linkage's {dyad} finds {dyad.joint}, which is known already")
-            bodies = {self.body_between(dyad.joint, end) for end in dyad[1:3]}
-            if len({*dyad[:3]}) < 3 or len(bodies) < 2:
-                raise ValueError(f"Linkage's {dyad} must have three joints, and join two bodies")
-            if dyad.branch not in (1, -1):
-                raise ValueError(
-                    f"the branch of Linkage's {dyad} must be 1 or -1, got {dyad.branch}"
-                )
+        for joint, *bodies in self.pins:
             for body in bodies:
-                known.update(self.bodies[body][1])
-        if known != {*self.joints}:
-            lost = sorted({*self.joints} ^ known)
-            raise ValueError(f"Linkage's joints {lost} are not found by its dyads {self.dyads}")
+                if not 1 <= body <= len(self.bodies) or joint not in self.bodies[body - 1][1]:
+                    raise ValueError(f"Linkage has {joint} on body {body}, which has no such joint")
+
+    def _check_rules(self) -> None:
+        """Check the rules that :mod:`jansen_env.engine.topology` defines."""
+        where = np.zeros(1, np.int64)
+        fault = find_linkage_fault(
+            np.array([*map(len, self.members)]),
+            self.padded_members,
+            self._indices(self.toes),
+            self._pad_rows(),
+            _pairs(self.damped),
+            _pairs(self.bearings),
+            np.array([(*self._indices(dyad[:3]), dyad.branch) for dyad in self.dyads]),
+            np.empty(len(self.joints), np.int64),
+            where,
+        )
+        if fault >= 0:
+            field, allowed = LINKAGE_FAULTS[fault]
+            k = int(where[0])
+            raise invalid(f"Linkage.{field}[{k}]", getattr(self, field)[k], allowed)
+
+    def _indices(self, joints: Iterable[str]) -> Ints:
+        """Return the indices of joints; -1 stands for a joint that the linkage does not have."""
+        index = {joint: k for k, joint in enumerate(self.joints)}
+        return np.array([index.get(joint, -1) for joint in joints], np.int64)
+
+    def _pad_rows(self) -> Ints:
+        """Return the index of the joint and of the body of each pad that is not at a toe."""
+        joints = self._indices(joint for joint, _ in self.pads)
+        return np.column_stack([joints, [body - 1 for _, body in self.pads]]).astype(np.int64)
 
     def _check_pins(self) -> None:
         """Check that the pins hold all bodies together at each joint without redundant pins."""
@@ -236,17 +236,6 @@ class Linkage:
             first.update({joint: k for joint in joints if joint not in first})
         return tuple(pins)
 
-    def body_between(self, a: str, b: str) -> int:
-        """Return the index of the body that contains both of two joints.
-
-        Raises:
-            ValueError: If there is no such body.
-        """
-        for index, (_, joints) in enumerate(self.bodies):
-            if a in joints and b in joints:
-                return index
-        raise ValueError(f"Linkage has no body with joints {a} and {b}")
-
     @property
     def moving_pins(self) -> tuple[Pin, ...]:
         """All pins except the pin of the crank axis, which all legs share."""
@@ -262,6 +251,15 @@ class Linkage:
         """Joints of each body, as indices into :attr:`joints`."""
         return tuple(tuple(map(self.joints.index, joints)) for _, joints in self.bodies)
 
+    @cached_property
+    def padded_members(self) -> Ints:
+        """Joints of each body, and -1 where a body has fewer, shape (bodies, most joints)."""
+        rows = np.full((len(self.members), max(map(len, self.members))), -1)
+        for row, joints in zip(rows, self.members, strict=True):
+            row[: len(joints)] = joints
+        rows.setflags(write=False)
+        return rows
+
     @property
     def axis(self) -> int:
         """Index of the crank's axis among the joints."""
@@ -275,8 +273,9 @@ class Linkage:
     @cached_property
     def all_pads(self) -> tuple[tuple[int, int], ...]:
         """Pair of indices (joint, body) of every pad, toes first."""
-        pads = (*((toe, self._last_bodies[toe]) for toe in self.toes), *self.pads)
-        return tuple((self.joints.index(joint), k - 1) for joint, k in pads)
+        pads = np.empty((len(self.toes) + len(self.pads), 2), np.int64)
+        put_pads(self.padded_members, self._indices(self.toes), self._pad_rows(), pads)
+        return tuple((joint, body) for joint, body in pads.tolist())
 
     @cached_property
     def corners(self) -> tuple[tuple[int, str], ...]:
@@ -301,6 +300,11 @@ class Linkage:
     def skeleton(self) -> tuple[tuple[int, int], ...]:
         """Straight edges of all bodies, as pairs of joints."""
         return tuple(edge for edges in self.edges for edge in edges)
+
+
+def _pairs(bodies: tuple[tuple[int, int], ...]) -> Ints:
+    """Return pairs of numbers of bodies as indices, shape (pairs, 2)."""
+    return np.array(bodies, np.int64).reshape(-1, 2) - 1
 
 
 JANSEN = Linkage(

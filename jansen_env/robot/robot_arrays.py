@@ -100,15 +100,12 @@ def spring_rows(robot: Robot) -> SpringRows:
 
 def leg_links(robot: Robot) -> LegLinks:
     """Return the links of a robot's leg."""
-    members = robot.linkage.members
-    shape = len(members), max(map(len, members))
-    joints = np.full(shape, -1)
-    points = np.zeros((*shape, 2))
+    members = robot.linkage.padded_members
+    points = np.zeros((*members.shape, 2))
     for k, link in enumerate(robot.bodies):
-        joints[k, : len(members[k])] = members[k]
         if places := getattr(link, "points", None):
             points[k, : len(places)] = places
-    return LegLinks(np.array([*map(_row, robot.bodies)], LINK), points, joints)
+    return LegLinks(np.array([*map(_row, robot.bodies)], LINK), points, members)
 
 
 def _row(link: Link) -> tuple[float, ...]:

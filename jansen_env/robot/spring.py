@@ -10,6 +10,12 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from jansen_env.checks import check_limits, instance, invalid, listed, set_checked
+from jansen_env.engine.topology import (
+    CHASSIS,
+    SPRING_FAULTS,
+    find_spring_fault,
+    find_torsion_fault,
+)
 from jansen_env.robot.linkage import FRAME, Linkage
 from jansen_env.robot.links import Angle, Point, Size, point, within_a_turn
 
@@ -112,26 +118,17 @@ def check_spring(name: str, spring: AnySpring, linkage: Linkage) -> None:
             link = getattr(spring, end)
             if link not in members:
                 raise invalid(f"{name}.{end}", link, f"one of {listed(members, link)}")
-        shared = {*members[spring.first]} & {*members[spring.second]}
-        if spring.first == spring.second or not shared:
-            raise ValueError(
-                f"{name} must be between two links that share a pin, got {spring.first!r} and "
-                f"{spring.second!r}"
-            )
+        links = map(linkage.names.index, (spring.first, spring.second))
+        fault = find_torsion_fault(linkage.padded_members, *links)
+        if fault >= 0:
+            raise invalid(name, spring, SPRING_FAULTS[fault])
         return
     for end in ("start", "end"):
         joint = getattr(spring, end)
         if joint not in [*linkage.joints] and (end == "start" or joint):
             raise invalid(f"{name}.{end}", joint, f"one of {[*linkage.joints]}")
-    if not spring.end:
-        if spring.start in linkage.bodies[FRAME - 1][1]:
-            raise ValueError(
-                f"{name} must have an end that moves relative to the chassis, got joint "
-                f"{spring.start!r} and a point of the chassis"
-            )
-        return
-    if any({spring.start, spring.end} <= {*joints} for joints in members.values()):
-        raise ValueError(
-            f"{name} must be between two joints without a common link, got {spring.start!r} and "
-            f"{spring.end!r}"
-        )
+    start = linkage.joints.index(spring.start)
+    end = linkage.joints.index(spring.end) if spring.end else CHASSIS
+    fault = find_spring_fault(linkage.padded_members, start, end)
+    if fault >= 0:
+        raise invalid(name, spring, SPRING_FAULTS[fault])

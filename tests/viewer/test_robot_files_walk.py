@@ -124,22 +124,32 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "bodies": [{**long, "length": 3e3}, *paper["bodies"][1:]],
         },
-        "branch of joint B must be 1 or -1": {
+        r"linkage.dyads\[0\] must be a dyad whose branch is 1 or -1": {
             **paper,
             "linkage": {**linkage, "dyads": [["B", "A", "P", 0], *linkage["dyads"][1:]]},
         },
         "a link for each body": {**paper, "bodies": paper["bodies"][1:]},
-        "is not a link of": {**paper, "bodies": [*paper["bodies"][1:], paper["bodies"][0]]},
-        "a joint that its linkage": {**paper, "linkage": {**linkage, "toes": "Z"}},
-        "a body that its linkage": {**paper, "linkage": {**linkage, "damped": [[1, 99]]}},
+        r"linkage.bodies\[\d\] must be a body of joints of the linkage, as many": {
+            **paper,
+            "bodies": [*paper["bodies"][1:], paper["bodies"][0]],
+        },
+        r"linkage.toes\[0\] must be a joint of the linkage": {
+            **paper,
+            "linkage": {**linkage, "toes": "Z"},
+        },
+        r"linkage.damped\[0\] must be two different bodies": {
+            **paper,
+            "linkage": {**linkage, "damped": [[1, 99]]},
+        },
         "damping or friction": {**paper, "damping": [0.1]},
-        "do not locate": {**paper, "linkage": {**linkage, "dyads": linkage["dyads"][1:]}},
+        r"linkage.dyads\[1\] must be a dyad whose start and end": {
+            **paper,
+            "linkage": {**linkage, "dyads": linkage["dyads"][1:]},
+        },
         "does not close": {**paper, "bodies": [long, *paper["bodies"][1:]]},
         "cannot stand": {**paper, "frame_angle": 3.3},
-        r"springs\[0\] must end at joints of POABCDET, got .Z. and": sprung(
-            is_="Spring", start="Z"
-        ),
-        r"springs\[0\] must have an end that moves": sprung(is_="Spring", start="P"),
+        r"springs\[0\] must be between joints of the linkage": sprung(is_="Spring", start="Z"),
+        r"springs\[0\] must be between two points that move": sprung(is_="Spring", start="P"),
         r"springs\[0\] must be between two joints": sprung(is_="Spring", start="D", end="B"),
         r"springs\[0\] must be between two links": sprung(
             is_="TorsionSpring", first="frame", second="foot"

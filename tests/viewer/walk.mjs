@@ -62,7 +62,7 @@ const made = robots.map(make);
 function tablesOf(robot) {
 	try {
 		const { name, ...content } = robot;
-		const checked = checkRobot(engine.layout, content);
+		const checked = checkRobot(engine, content);
 		const { body, pads, bearings, springs, depths, extent, farthest, advance, height } = compileRobot(engine, checked);
 		return [body, pads, bearings, springs, depths, farthest, [extent, advance, height]].map(packed);
 	} catch (error) {

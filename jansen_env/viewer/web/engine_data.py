@@ -20,6 +20,7 @@ from jansen_env.engine import (
     pushes,
     records,
     reduction,
+    topology,
     walk_reward,
 )
 from jansen_env.plants import design_tables
@@ -56,6 +57,7 @@ NUMBERS = {
     design_tables: "PITCHES",
     collision: "SPECULATIVE_MARGIN",
     push: "MOST_PUSHES",
+    topology: "CHASSIS",
     walker_env: "FASTEST_COMMAND",
     robot: "MOST_PADS",
 }
@@ -82,6 +84,8 @@ def engine_layout() -> Json:
         "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
         "expansion": packed(reduced._expansion(), "<f8"),
         "links": link_shapes.KINDS,
+        "linkageFaults": topology.LINKAGE_FAULTS,
+        "springFaults": topology.SPRING_FAULTS,
         "jointsOf": {kind.__name__: kind.JOINTS for kind in (links.Bar, links.Triangle)},
         "format": robot_file.FORMAT,
         "schema": robot_file.file_schema(),

@@ -26,8 +26,9 @@ export function whole({ schema }, { is, ...given }) {
  * Return the robot of a file, with the defaults of what the file leaves out. Throw an error if it is
  * not a robot that this page can compile. `layout.schema` has the limits: robot_file.py documents it.
  */
-export function checkRobot(layout, content) {
-  for (const wrong of faultsOf(layout, content))
+export function checkRobot(engine, content) {
+  const { layout } = engine;
+  for (const wrong of faultsOf(engine, content))
     if (wrong) throw new Error(`This robot file cannot be used on this page: ${wrong}.`);
   const { format, ...robot } = content;
   return { format, ...completed(layout, robot) };
@@ -45,7 +46,7 @@ function completed(layout, value) {
 }
 
 /** Check the content of a file; for each check, yield what is wrong, or a falsy value. */
-function* faultsOf(layout, content) {
+function* faultsOf({ work, layout }, content) {
   const { schema, numbers, format, tasks } = layout;
   yield content?.format !== format && `its format is not "${format}"`;
   const { format: _, ...robot } = content;
@@ -53,12 +54,14 @@ function* faultsOf(layout, content) {
   yield* faultsOfValue(schema, { parts: ["Robot"] }, robot, "");
   const complete = completed(layout, robot);
   const { linkage, bodies, legs, damping, bearing_friction: friction, springs } = complete;
-  yield* faultsOfLinkage(layout, linkage, bodies);
+  yield bodies.length !== linkage.bodies.length &&
+    "it does not have a link for each body of its linkage";
+  yield work.scratch(() => faultOfLinkage(work, complete));
   const pairs = [damping.length, friction.length];
   const isOf = pairs[0] === linkage.damped.length && pairs[1] === linkage.bearings.length;
   yield !isOf && "its damping or friction does not fit its linkage";
   for (const [k, spring] of springs.entries())
-    yield faultOfSpring(linkage, spring, `springs[${k}]`);
+    yield work.scratch(() => faultOfSpring(work, linkage, spring, `springs[${k}]`));
   yield legs.length === 0 && "it has no legs";
   yield (legs[0].phase ?? 0) !== 0 && `legs[0].phase must be 0, got ${legs[0].phase}`;
   const toes = legs.length * linkage.toes.length;
@@ -137,61 +140,73 @@ function isWithin({ least, most, above }, value) {
   return isHigh && (most === null || value <= most);
 }
 
-function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
-  const { joints, dyads } = linkage;
+/** Return the topology of a leg: joints, bodies and dyads as the indices that the kernels take. */
+function topologyOf(memory, linkage) {
+  const joints = [...linkage.joints];
+  const indicesOf = (names) => [...names].map((joint) => joints.indexOf(joint));
+  const table = (width, rows) => memory.filled("i8", rows.flat(), rows.length, width);
   const letters = linkage.bodies.map(([, each]) => each);
-  yield bodies.length !== letters.length && "it does not have a link for each body of its linkage";
-  const misfit = letters.findIndex((each, k) => {
-    return each.length !== (jointsOf[bodies[k].is] ?? bodies[k].points?.length);
-  });
-  yield misfit >= 0 && `"${linkage.bodies[misfit][0]}" is not a link of joints ${letters[misfit]}`;
-  const named = [
-    letters,
-    [linkage.toes],
-    dyads.map((row) => row.slice(0, 3)),
-    linkage.pads.map(([joint]) => joint),
-  ];
-  const isJoint = (letter) => joints.includes(letter);
-  const all = named.flat().flatMap((each) => [...each]);
-  yield !all.every(isJoint) && "it names a joint that its linkage does not have";
-  const numbers = [...linkage.damped, ...linkage.bearings, ...linkage.pads.map(([, k]) => [k])];
-  const isBody = (number) => number >= 1 && number <= bodies.length;
-  yield !numbers.flat().every(isBody) && "it refers to a body that its linkage does not have";
-  const known = new Set([...letters[0], ...letters[1]]);
-  for (const [joint, start, end, branch] of dyads) {
-    const between = (a) => letters.find((each) => each.includes(a) && each.includes(joint));
-    const found = [start, end].every((each) => known.has(each) && between(each));
-    yield !found && `its dyads do not locate joint ${joint}`;
-    yield Math.abs(branch) !== 1 && `the branch of joint ${joint} must be 1 or -1, got ${branch}`;
-    for (const letter of between(start) + between(end)) known.add(letter);
-  }
-  yield known.size !== joints.length && "its dyads do not locate all joints";
+  const most = Math.max(...letters.map((each) => each.length));
+  const pairsOf = (rows) => rows.map((pair) => pair.map((body) => body - 1));
+  return {
+    members: table(
+      most,
+      letters.map((each) => indicesOf(Array.from({ length: most }, (_, i) => each[i]))),
+    ),
+    toes: memory.filled("i8", indicesOf(linkage.toes)),
+    others: table(
+      2,
+      linkage.pads.map(([joint, body]) => [...indicesOf([joint]), body - 1]),
+    ),
+    damped: table(2, pairsOf(linkage.damped)),
+    bearings: table(2, pairsOf(linkage.bearings)),
+    dyads: table(
+      6,
+      linkage.dyads.map(([joint, start, end, branch]) => {
+        return [...indicesOf([joint, start, end]), branch, 0, 0];
+      }),
+    ),
+  };
 }
 
-/** Return what is wrong with a spring, or a falsy value; spring.py has the same checks. */
-function faultOfSpring(linkage, spring, name) {
+/** Return what is wrong with a linkage, or ""; jansen_env/engine/topology.py has the rules. */
+function faultOfLinkage(memory, { linkage, bodies }) {
+  const { jointsOf, linkageFaults } = memory.layout;
+  const { members, toes, others, damped, bearings, dyads } = topologyOf(memory, linkage);
+  const sizes = bodies.map(({ is, points }) => jointsOf[is] ?? points.length);
+  const where = memory.array("i8", 1);
+  const fault = memory.call("topology_find_linkage_fault", [
+    memory.filled("i8", sizes), members, toes, others, damped, bearings, dyads,
+    memory.array("i8", linkage.joints.length), where,
+  ]); // biome-ignore format: in the kernel's order
+  if (fault < 0) return "";
+  const [field, allowed] = linkageFaults[fault];
+  const k = where.view[0];
+  return `linkage.${field}[${k}] must be ${allowed}, got ${shown(linkage[field][k])}`;
+}
+
+/** Return what is wrong with a spring, or "". */
+function faultOfSpring(memory, linkage, spring, name) {
+  const { springFaults, numbers } = memory.layout;
+  const { members } = topologyOf(memory, linkage);
   const { start, end, first, second } = spring;
-  const joined = (a, b) =>
-    linkage.bodies.find(([, joints]) => joints.includes(a) && joints.includes(b));
-  if (spring.is === "TorsionSpring") {
-    const [a, b] = [first, second].map(
-      (link) => linkage.bodies.find(([each]) => each === link)?.[1],
-    );
-    const isPinned = a && b && first !== second && [...a].some((joint) => b.includes(joint));
-    return !isPinned && `${name} must be between two links that share a pin`;
-  }
-  const isJoint = (joint) => joint.length === 1 && linkage.joints.includes(joint);
-  if (!isJoint(start) || (end && !isJoint(end)))
-    return `${name} must end at joints of ${linkage.joints}, got ${shown(start)} and ${shown(end)}`;
-  if (!end) return linkage.bodies[0][1].includes(start) && `${name} must have an end that moves`;
-  return joined(start, end) && `${name} must be between two joints without a common link`;
+  const jointOf = (joint) => [...linkage.joints].indexOf(joint);
+  const bodyOf = (link) => linkage.bodies.findIndex(([each]) => each === link);
+  const fault =
+    spring.is === "TorsionSpring"
+      ? memory.call("topology_find_torsion_fault", members, bodyOf(first), bodyOf(second))
+      : memory.call(
+          "topology_find_spring_fault",
+          members,
+          jointOf(start),
+          end ? jointOf(end) : numbers.CHASSIS,
+        );
+  return fault < 0 ? "" : `${name} must be ${springFaults[fault]}, got ${shown(spring)}`;
 }
 
-/** Return the links of a leg in a memory: [links, points, members]. */
-export function linksOf(memory, { linkage, bodies }) {
+/** Return the links of a leg in a memory: [links, points]; `most`: joints of a link, at most. */
+function linksOf(memory, { bodies }, most) {
   const { layout } = memory;
-  const joints = linkage.bodies.map(([, letters]) => letters);
-  const most = Math.max(...joints.map((letters) => letters.length));
   const links = memory.array("LINK", bodies.length);
   const points = memory.array("f8", bodies.length, most, 2);
   for (const [k, link] of bodies.entries()) {
@@ -199,10 +214,7 @@ export function linksOf(memory, { linkage, bodies }) {
     links.write({ kind: layout.links.indexOf(link.is), ...numbers }, k);
     points.at(k).view.set(places.flat());
   }
-  const members = joints.map((letters) =>
-    Array.from({ length: most }, (_, i) => linkage.joints.indexOf(letters[i])),
-  );
-  return [links, points, memory.rows("i8", members)];
+  return [links, points];
 }
 
 /** Return a link of a robot file from its row in the kernels' arrays. */
@@ -221,27 +233,19 @@ export function linkOf(links, points, k, { is, points: places }) {
 export class Leg {
   constructor(memory, robot) {
     const { linkage, frame_angle: frameAngle } = robot;
-    const indexOf = (joint) => linkage.joints.indexOf(joint);
-    const rows = linkage.dyads.map(([joint, start, end, branch]) =>
-      [joint, start, end].map(indexOf).concat(branch, 0, 0),
-    );
-    const [links, points, members] = linksOf(memory, robot);
-    const dyads = memory.rows("i8", rows);
+    const { members, toes, others, damped, bearings, dyads } = topologyOf(memory, linkage);
+    const [links, points] = linksOf(memory, robot, members.shape[1]);
     const corners = memory.array("f8", ...points.shape);
     const bars = memory.array("b1", links.shape[0]);
-    const spans = memory.array("f8", rows.length, 2);
+    const spans = memory.array("f8", dyads.shape[0], 2);
     memory.call("link_shapes_assemble", links, points, members, dyads, corners, bars, spans);
     const sides = robot.legs.map(({ side, phase }) => [side === "fore" ? 1 : -1, phase]);
     Object.assign(this, { memory, robot, links, points, members, corners, bars, dyads, spans });
     this.closing = [frameAngle, members, corners, dyads, spans];
     this.legs = memory.rows("f8", sides);
-    const others = linkage.pads.map(([joint, body]) => [indexOf(joint), body - 1]);
-    const bodyOf = (toe) => linkage.bodies.findLastIndex(([, joints]) => joints.includes(toe));
-    this.pads = memory.rows("i8", [
-      ...[...linkage.toes].map((toe) => [indexOf(toe), bodyOf(toe)]),
-      ...others,
-    ]);
-    this.toes = memory.filled("i8", [...linkage.toes].map(indexOf));
+    this.pads = memory.array("i8", toes.length + others.shape[0], 2);
+    memory.call("topology_put_pads", members, toes, others, this.pads);
+    Object.assign(this, { toes, damped, bearings });
     this.joints = linkage.joints.length;
   }
 
@@ -315,7 +319,7 @@ export function compileRobot({ work }, robot) {
 function compileIn(memory, leg) {
   const { layout } = memory;
   const { SAMPLES, HARMONICS, INTERVALS, ORDER, BEARING_SAMPLES, TAIL_TOLERANCE } = layout.numbers;
-  const { linkage, damping, bearing_friction: friction } = leg.robot;
+  const { damping, bearing_friction: friction } = leg.robot;
   const turn = (count) => {
     const out = memory.array("f8", 2, count);
     memory.call("reduction_put_turn", out);
@@ -325,15 +329,8 @@ function compileIn(memory, leg) {
   const places = leg.place(psi);
   const x = memory.array("f8", SAMPLES, leg.links.length, 3);
   memory.call("closure_put_coordinates", psi, 1, leg.members, leg.corners, leg.bars, places, x);
-  const pairs = (rows) =>
-    memory.filled(
-      "i8",
-      rows.flat().map((number) => number - 1),
-      rows.length,
-      2,
-    );
   const ofLeg = [
-    leg.links, pairs(linkage.damped), memory.filled("f8", damping), pairs(linkage.bearings),
+    leg.links, leg.damped, memory.filled("f8", damping), leg.bearings,
     memory.filled("f8", friction), ...springsOf(memory, leg.robot), leg.legs, leg.pads,
   ]; // biome-ignore format: in the kernel's order
   const expansion = numbersOf(layout.expansion, Float64Array);

@@ -664,7 +664,7 @@ async function drop(file) {
     const content = JSON.parse(await file.text());
     const { design, lengths } = content ?? {};
     if (design) return await choose({ robot: linkOf({ base: design, changes: lengths }) });
-    const robot = checkRobot(engine.layout, content);
+    const robot = checkRobot(engine, content);
     const name = nameOfFile(file.name);
     data.robots[name] = { name, ...robot };
     await choose({ robot: name });

@@ -62,6 +62,7 @@ def _period(kind, values):
     if kind in (STAIRS, ROUGH, STEPS, WAVES):
         return values[1]  # tread, spacing or length
     if kind == STUMPS:
+        # This is values[2], rounded as in the positions of the blocks: a width plus a gap.
         return values[1] + (values[2] - values[1])
     return 4.0 * values[1]
 

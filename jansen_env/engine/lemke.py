@@ -90,7 +90,9 @@ def _fill(count, problem, compliance, mass, speed, T, basis):
             T[row + k, right] = sign * problem.v_free[i] / speed
         T[row + 3, size + 4 * c] = -problem.mu[c]
         T[row + 3, size + 4 * c + 1] = T[row + 3, size + 4 * c + 2] = 1.0
-    for r in range(size):  # perturb each row differently, so that no cycle can form
+    # Perturb each row differently, so that no cycle can form: the fractions of multiples of the
+    # golden ratio are spread evenly, and no two are the same.
+    for r in range(size):
         turns = 0.618033988749895 * r
         T[r, right] += PERTURBATION * (1.0 + (turns - floor(turns)))
 

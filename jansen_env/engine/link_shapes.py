@@ -155,6 +155,7 @@ def triangular_plate(a, b, c, end_mass, more, areal, outline, window):
     # Distance of the third corner from the centroid
     reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0
     moment, hole = more * reach, areal * area * window
+    # The window is shifted by moment / hole, so that the material around it balances ``more``.
     inertia += moment * reach - moment * moment / hole
     return mass + 3.0 * end_mass + more, inertia + end_mass * 12.0 * spread
 

@@ -1,5 +1,6 @@
 """Drawings: lengths as they are read back, sheets, layers that do not collide, what is refused."""
 
+import cmath
 import csv
 import io
 import itertools
@@ -21,7 +22,7 @@ from ezdxf.path import make_path
 from known_designs import DESIGNS
 
 from jansen_env import Bar, Spring, TorsionSpring, built_robot
-from jansen_env.robot import ROBOTS, Leg
+from jansen_env.robot import ROBOTS, Leg, Plate
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import joint_positions, toe_positions
 from jansen_env.robot.linkage import CRANK, FRAME
@@ -572,6 +573,30 @@ def test_springs_have_holes_and_lines_in_the_bill():
     (warning,) = missing_brackets(sprung)
     assert "spring B-chassis" in warning
     assert spring_rows(plain) == [] and missing_brackets(plain) == []
+
+
+def test_a_point_of_a_link_without_a_pin_has_a_hole_for_its_spring():
+    plain = built_robot()
+    body = plain.linkage.names.index("upper_triangle")
+    triangle = plain.bodies[body]
+    corners = [cmath.rect(reach, angle) for reach, angle in triangle.corners]
+    point = 0.25 * (corners[0] + corners[1]) + sum(corners) / 6.0
+    places = tuple((z.real, z.imag) for z in (*corners, point))
+    links = [*plain.linkage.bodies]
+    links[body] = "upper_triangle", "PBDX"
+    bodies = [*plain.bodies]
+    bodies[body] = Plate(places, triangle.mass, triangle.inertia)
+    robot = replace(
+        plain,
+        linkage=replace(plain.linkage, bodies=tuple(links), joints=plain.linkage.joints + "X"),
+        bodies=tuple(bodies),
+        springs=(Spring("X", "E", stiffness=50.0, rest_length=0.1),),
+    )
+    hole = cut_parts(robot)[body].holes[-1]
+    assert hole.radius == M3
+    assert hole.corners[0] == pytest.approx(cut_parts(robot)[body].joints["X"])
+    (row,) = spring_rows(robot)
+    assert row.note == "hole of 3.2 mm in upper_triangle at X; eye on the pin of 6 mm at E"
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ SCRIPTS = {
 SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs": "2"}
 """Arguments with which experiments with a command line of their own take seconds."""
 IN_MUJOCO = {"closed_loops", "mujoco_witness", "transfer"}
+TRAINING = {"serial_chain"}
 UNPUBLISHED = {
     "climbing",
     "linkages",
@@ -42,6 +43,8 @@ def test_experiment_runs(name: str, tmp_path: Path) -> None:
     """It writes its data, and every file that it writes is published."""
     if name in IN_MUJOCO:
         pytest.importorskip("mujoco")
+    if name in TRAINING:
+        pytest.importorskip("stable_baselines3")
     run(name, "--quick", "--out", tmp_path, folder=tmp_path)
     written = {path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()}
     assert Path(import_module(name).DATA) in written

@@ -187,7 +187,9 @@ class Linkage:
     def _check_rules(self) -> None:
         """Check the rules that :mod:`jansen_env.engine.topology` defines."""
         where = np.zeros(1, np.int64)
-        fault = find_linkage_fault(
+        # The module of a linkage is imported before the engine is built, so no compiled kernel
+        # may run here.
+        fault = find_linkage_fault.function(
             np.array([*map(len, self.members)]),
             self.padded_members,
             self._indices(self.toes),
@@ -274,7 +276,7 @@ class Linkage:
     def all_pads(self) -> tuple[tuple[int, int], ...]:
         """Pair of indices (joint, body) of every pad, toes first."""
         pads = np.empty((len(self.toes) + len(self.pads), 2), np.int64)
-        put_pads(self.padded_members, self._indices(self.toes), self._pad_rows(), pads)
+        put_pads.function(self.padded_members, self._indices(self.toes), self._pad_rows(), pads)
         return tuple((joint, body) for joint, body in pads.tolist())
 
     @cached_property

@@ -204,8 +204,9 @@ class EpisodeParameters:
 
     def _useful(self, i: int, robot: Robot) -> set[str]:
         """Return the names of the parameters that have an effect on a robot."""
-        has = {**self._has, "delay": True, "terrain_level": self._generators[i] is not None}
-        return {*parameters.effective(robot), *(name for name, present in has.items() if present)}
+        has = {**self._has, "terrain_level": self._generators[i] is not None}
+        others = (name for name, row in PARAMETERS.items() if not row.of_robot)
+        return {*parameters.effective(robot), *(name for name in others if has.get(name, True))}
 
     def check_names(
         self, i: int, names: Sequence[str], label: str, robot: Robot | None = None

@@ -18,6 +18,7 @@ from jansen_env.cli.replay import main
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.engine import kernel
 from jansen_env.plants.design_tables import DesignTables
+from jansen_env.plants.parameters import TABLE
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import LinkageError, advance_per_turn, world_joints
@@ -174,6 +175,10 @@ class Walk:
             {"command": 0.6},
             {"gravity_scale": 0.7},
             *([{"noise_level": 2.0}] if self.settings else []),
+        ]
+        tried = {name for change in changes for name in change} | {"noise_level", "restitution"}
+        changes += [
+            {row.name: row.slider[1]} for row in TABLE if row.slider and row.name not in tried
         ]
         at = np.sort(rng.integers(steps, size=len(changes))).tolist()
         pushes = [[k, "push", rng.uniform(-1.0, 1.0, 2).tolist()] for k in (10, 12, steps // 2)]

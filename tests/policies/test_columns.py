@@ -51,7 +51,7 @@ def test_baselines_and_policies_find_their_columns(world):
     env_id = env.spec.id
     shown = {observed.name for observed in env.unwrapped.observed}
     fitting = [n for n in pretrained.names(env_id) if shown.issuperset(_observed(env_id, n))]
-    assert pretrained.DEFAULT in fitting
+    assert pretrained.DEFAULT in fitting or not pretrained.names(env_id)
     names = [*find_benchmark(env_id).baselines, *(f"pretrained:{n}" for n in fitting)]
     expected = {name: acts(load_named(name, env), seen) for name in names}
     for column in (0, 9 % len(seen[0]), len(seen[0])):

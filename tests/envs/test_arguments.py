@@ -16,7 +16,7 @@ from jansen_env.envs.arguments import OF_BATCHES
 from jansen_env.robot import JANSEN, Linkage, Plate
 from jansen_env.tasks.crank import JansenCrankEnv
 from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
-from jansen_env.terrain.generators import Curriculum
+from jansen_env.terrain.generators import LEVELS, Curriculum
 from jansen_env.world import settings as arguments
 
 WRONG = {
@@ -42,6 +42,13 @@ WRONG = {
     "other part": Leg("fore"),
 }
 
+NEEDED = {
+    "slope": {"angle": 0.1},
+    "rough": {"rng": np.random.default_rng(0)},
+    "steps": {"rng": np.random.default_rng(0)},
+}
+"""Arguments that a terrain needs."""
+
 MAKERS = {
     "Bar": (Bar, {"length": 1.0}),
     "Triangle": (Triangle, {"d": 0.1, "l": 0.1, "h": 0.1, "alpha": 2.0, "gamma": 2.0}),
@@ -60,13 +67,7 @@ MAKERS = {
     **{name: (make, {}) for name, make in jansen_env.ROBOTS.items()},
     "Terrain": (Terrain, {}),
     "flat": (Terrain.flat, {}),
-    "slope": (Terrain.slope, {"angle": 0.1}),
-    "rough": (Terrain.rough, {"rng": np.random.default_rng(0)}),
-    "waves": (Terrain.waves, {}),
-    "stairs": (Terrain.stairs, {}),
-    "steps": (Terrain.steps, {"rng": np.random.default_rng(0)}),
-    "stumps": (Terrain.stumps, {}),
-    "ramps": (Terrain.ramps, {}),
+    **{name: (getattr(Terrain, name), NEEDED.get(name, {})) for name in LEVELS},
     "curriculum": (Curriculum, {}),
     "Noise": (jansen_env.Noise, {}),
     "Push": (jansen_env.Push, {}),

@@ -13,7 +13,7 @@ from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.terrain import Piece, Shapes
-from jansen_env.terrain.generators import make_generator
+from jansen_env.terrain.generators import LEVELS, make_generator
 
 IDS = (
     "JansenWalker-v0",
@@ -120,7 +120,7 @@ def generated(kind):
     return Terrain(tuple((x - 1.7 * (kind != "slope"), y) for x, y in terrain.points))
 
 
-@pytest.mark.parametrize("kind", ["slope", "rough", "waves", "stairs", "steps", "stumps", "ramps"])
+@pytest.mark.parametrize("kind", LEVELS)
 @pytest.mark.parametrize("feet", [None, FEET])
 def test_both_paths_walk_alike(kind, feet):
     """Walk 50 control steps on a height line and on the polygons below it.

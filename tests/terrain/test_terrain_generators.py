@@ -21,6 +21,7 @@ from jansen_env.terrain.generators import (
     at_level,
     make_generator,
 )
+from jansen_env.terrain.ground import profile
 
 HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 FACE = math.tan(RISER_SLOPE)
@@ -99,6 +100,21 @@ def test_the_documented_levels_are_those_of_the_code():
             levels = range(10) if low < high else (0,)
             assert shown == pytest.approx([at_level(name, k)[key] for k in levels], rel=5e-3)
     assert not rows
+
+
+def test_each_generator_is_documented():
+    page = (Path(__file__).parents[2] / "docs" / "terrain.md").read_text(encoding="utf-8")
+    for name in GENERATORS:
+        assert f'| `"{name}"` |' in page
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_each_kind_has_vertices_of_its_own(name):
+    """A kind that the engine did not distinguish would look like another one."""
+    values = np.array([*at_level(name, HIGHEST).values(), 1.0, 1.0])[:3]
+    own = profile(name, values, rng=np.random.default_rng(0))
+    for other in {*LEVELS} - {name}:
+        assert profile(other, values, rng=np.random.default_rng(0)) != own
 
 
 def test_parameters_that_are_given_stay(rng):

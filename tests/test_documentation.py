@@ -12,7 +12,10 @@ from typing import Any
 
 import pytest
 
+from jansen_env.__main__ import COMMANDS
 from jansen_env.__main__ import main as jansen_env
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.motor import MOTORS
 from jansen_workshop.__main__ import main as jansen_workshop
 
 ROOT = Path(__file__).parents[1]
@@ -22,6 +25,7 @@ PAGES = sorted(path for pattern in PATTERNS for path in ROOT.glob(pattern))
 SLOW = {"export", "policies", "training"}
 """Pages whose Python takes more than a second."""
 IDS = [str(page.relative_to(ROOT)) for page in PAGES]
+NOW = [page for page in PAGES if page.name != "CHANGELOG.md"]  # pages of what is, not of what was
 
 
 def blocks(page: Path, language: str) -> Iterator[tuple[int, str]]:
@@ -119,6 +123,26 @@ def test_commands_have_the_options_that_pages_use(
     assert commands()[program] <= {*known}
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_is_on_a_page(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The help lists all options of a command, and some page explains each of them."""
+    with pytest.raises(SystemExit):
+        jansen_env([command, "--help"])
+    options = re.findall(r"^  (?:-\w, )?(--[a-z][\w-]*)", capsys.readouterr().out, re.MULTILINE)
+    text = "".join(page.read_text(encoding="utf-8") for page in NOW)
+    for option in {*options} - {"--help"}:
+        assert re.search(rf"{option}(?![\w-])", text), option
+
+
+@pytest.mark.parametrize(
+    ("names", "page", "mark"), [(ROBOTS, "customise", '`"{}"`'), (MOTORS, "built_robot", "`{}`")]
+)
+def test_every_design_is_on_a_page(names: dict[str, object], page: str, mark: str) -> None:
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    for name in {*names} - {"ideal"}:  # a motor that is not bought
+        assert mark.format(name) in text, name
+
+
 def anchors(page: Path) -> set[str]:
     """Of the headings of a page, as GitHub and MyST make them."""
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
@@ -162,7 +186,6 @@ ELSEWHERE = (
     "examples/verification_plots",
 )
 """Files of other projects that pages name, and a name that stands for any of a kind."""
-NOW = [page for page in PAGES if page.name != "CHANGELOG.md"]  # pages of what is, not of what was
 
 
 @pytest.mark.parametrize("page", NOW, ids=lambda page: str(page.relative_to(ROOT)))

@@ -249,6 +249,11 @@ def declared(base=Slow, **names):
             {"TERMS": ("grace",)},
             "a name in INFO and TERMS must be one of .*, got 'grace'",
         ),
+        (
+            WalkerTask,
+            {"COMPILED": (*WalkerTask.COMPILED, "hops")},
+            r"COMPILED must be .*; observe\(\) returns the others, got .*'hops'",
+        ),
     ],
 )
 def test_names_that_information_would_mix_up_or_ignore_are_refused(base, names, message):

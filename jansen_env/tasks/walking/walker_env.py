@@ -13,7 +13,7 @@ import numpy as np
 from typing_extensions import Unpack
 
 from jansen_env.arrays import Array
-from jansen_env.checks import non_negative, positive, within
+from jansen_env.checks import invalid, non_negative, positive, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
@@ -109,6 +109,8 @@ class WalkerTask(CompiledTask):
     FASTEST = FASTEST_COMMAND
 
     def __init__(self, settings: WalkerSettings, threads: int | None = None) -> None:
+        if self.COMPILED != COMMANDED:  # the kernel fills these columns, and no others
+            raise invalid("COMPILED", self.COMPILED, f"{COMMANDED}; observe() returns the others")
         super().__init__(settings, threads)
         weights = (getattr(settings, f"{factor}_weight") for factor, _ in walk_reward.WEIGHTED)
         fall = settings.fall_pitch, settings.fall_contact, settings.terminate_when_fallen

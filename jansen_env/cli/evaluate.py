@@ -177,8 +177,9 @@ def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
         write_scores(scores, args.out, drawn)
     grid = " ".join(f"{c:g}" for c in args.commands)
     unit = find_benchmark(args.env).command_unit
+    commands = f"{grid} {unit}".rstrip()  # a task without commands has no unit
     text = (
-        f"commands {grid} {unit}, episodes at each {args.episodes}, seed {args.seed}\n\n"
+        f"commands {commands}, episodes at each {args.episodes}, seed {args.seed}\n\n"
         f"{scores.table(args.all)}"
     )
     if drawn:

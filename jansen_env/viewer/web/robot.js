@@ -144,28 +144,22 @@ function isWithin({ least, most, above }, value) {
 function topologyOf(memory, linkage) {
   const joints = [...linkage.joints];
   const indicesOf = (names) => [...names].map((joint) => joints.indexOf(joint));
-  const table = (width, rows) => memory.filled("i8", rows.flat(), rows.length, width);
-  const letters = linkage.bodies.map(([, each]) => each);
-  const most = Math.max(...letters.map((each) => each.length));
-  const pairsOf = (rows) => rows.map((pair) => pair.map((body) => body - 1));
+  const most = Math.max(...linkage.bodies.map(([, letters]) => letters.length));
+  const table = (width, rows, rowOf) =>
+    memory.filled("i8", rows.flatMap(rowOf), rows.length, width);
+  const pairs = (rows) => table(2, rows, ([first, second]) => [first - 1, second - 1]);
+  const padOf = ([joint, body]) => [...indicesOf([joint]), body - 1];
+  const memberOf = ([, letters]) => indicesOf(Array.from({ length: most }, (_, i) => letters[i]));
+  const dyadOf = ([joint, start, end, branch]) => {
+    return [...indicesOf([joint, start, end]), branch, 0, 0];
+  };
   return {
-    members: table(
-      most,
-      letters.map((each) => indicesOf(Array.from({ length: most }, (_, i) => each[i]))),
-    ),
+    members: table(most, linkage.bodies, memberOf),
     toes: memory.filled("i8", indicesOf(linkage.toes)),
-    others: table(
-      2,
-      linkage.pads.map(([joint, body]) => [...indicesOf([joint]), body - 1]),
-    ),
-    damped: table(2, pairsOf(linkage.damped)),
-    bearings: table(2, pairsOf(linkage.bearings)),
-    dyads: table(
-      6,
-      linkage.dyads.map(([joint, start, end, branch]) => {
-        return [...indicesOf([joint, start, end]), branch, 0, 0];
-      }),
-    ),
+    others: table(2, linkage.pads, padOf),
+    damped: pairs(linkage.damped),
+    bearings: pairs(linkage.bearings),
+    dyads: table(6, linkage.dyads, dyadOf),
   };
 }
 
@@ -192,15 +186,11 @@ function faultOfSpring(memory, linkage, spring, name) {
   const { start, end, first, second } = spring;
   const jointOf = (joint) => [...linkage.joints].indexOf(joint);
   const bodyOf = (link) => linkage.bodies.findIndex(([each]) => each === link);
-  const fault =
+  const [kernel, ...ends] =
     spring.is === "TorsionSpring"
-      ? memory.call("topology_find_torsion_fault", members, bodyOf(first), bodyOf(second))
-      : memory.call(
-          "topology_find_spring_fault",
-          members,
-          jointOf(start),
-          end ? jointOf(end) : numbers.CHASSIS,
-        );
+      ? ["find_torsion_fault", bodyOf(first), bodyOf(second)]
+      : ["find_spring_fault", jointOf(start), end ? jointOf(end) : numbers.CHASSIS];
+  const fault = memory.call(`topology_${kernel}`, members, ends);
   return fault < 0 ? "" : `${name} must be ${springFaults[fault]}, got ${shown(spring)}`;
 }
 

@@ -308,14 +308,13 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     for k, metric in enumerate(CONTROLLER_METRICS):
         head = f"controller of the {CLOSED}: {metric.replace('_', ' ')}"
         made.append(table([head, *results["models"]], rows[k * count : (k + 1) * count]))
+    profiles = results["profiles"] if results["seeds"] else {}
     rows = [
-        [
-            name,
-            *("{:.1f} ± {:.1f}".format(*mean_and_half_width(values)) for values in found.values()),
-        ]
-        for name, found in results["profiles"].items()
+        [name, *("{:.1f} ± {:.1f}".format(*mean_and_half_width(values)) for values in by.values())]
+        for name, by in profiles.items()
     ]
-    made.append(table(["return of profiles that were searched on", *names], rows))
+    if rows:
+        made.append(table(["return of profiles that were searched on", *names], rows))
     if not results["policies"]:
         return {PAGE: made}
     differences = []

@@ -412,7 +412,7 @@ def walks(plants: TimeSteps, settings: list[Setting], duration: float) -> list[l
     robot, ground = ROBOTS["paper"](), Terrain.flat(FRICTION)
     made: list[tuple[str, str, Callable[[], Plant]]] = []
     for kind, steps in plants.items():
-        plant: type[Plant] = PLANTS[kind]
+        plant = PLANTS[kind]
         for step in steps:
             made.append((kind, f"{1e3 * step:g} ms", partial(plant, robot, ground, step)))
     for setting in settings:

@@ -172,7 +172,11 @@ def search_profile(robot: Robot, seed: int, generations: int = GENERATIONS) -> A
 
 def _profile_env(robot: Robot, count: int, steps: int) -> tuple[Any, list[int]]:
     """Return environments at the command of the profiles, and the columns that a profile reads."""
-    arguments = {"robot": robot, "speed_command": PROFILE_COMMAND, "max_episode_steps": steps}
+    arguments: dict[str, Any] = {
+        "robot": robot,
+        "speed_command": PROFILE_COMMAND,
+        "max_episode_steps": steps,
+    }
     env: Any = gym.make_vec(ENV, count, vectorization_mode="vector_entry_point", **arguments)
     single: Any = gym.make(ENV, robot=robot).unwrapped
     return env, list(columns(single, *READ))

@@ -123,10 +123,10 @@ def check_spring(name: str, spring: AnySpring, linkage: Linkage) -> None:
         if fault >= 0:
             raise invalid(name, spring, SPRING_FAULTS[fault])
         return
-    for end in ("start", "end"):
-        joint = getattr(spring, end)
-        if joint not in [*linkage.joints] and (end == "start" or joint):
-            raise invalid(f"{name}.{end}", joint, f"one of {[*linkage.joints]}")
+    for field in ("start", "end"):
+        joint = getattr(spring, field)
+        if joint not in [*linkage.joints] and (field == "start" or joint):
+            raise invalid(f"{name}.{field}", joint, f"one of {[*linkage.joints]}")
     start = linkage.joints.index(spring.start)
     end = linkage.joints.index(spring.end) if spring.end else CHASSIS
     fault = find_spring_fault(linkage.padded_members, start, end)

@@ -114,10 +114,10 @@ def check_spring(name: str, spring: AnySpring, linkage: Linkage) -> None:
     """
     members = {each: joints for each, joints in linkage.bodies}
     if isinstance(spring, TorsionSpring):
-        for end in ("first", "second"):
-            link = getattr(spring, end)
+        for field in ("first", "second"):
+            link = getattr(spring, field)
             if link not in members:
-                raise invalid(f"{name}.{end}", link, f"one of {listed(members, link)}")
+                raise invalid(f"{name}.{field}", link, f"one of {listed(members, link)}")
         links = map(linkage.names.index, (spring.first, spring.second))
         fault = find_torsion_fault(linkage.padded_members, *links)
         if fault >= 0:

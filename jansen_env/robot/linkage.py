@@ -18,7 +18,8 @@ from jansen_env.arrays import Ints
 from jansen_env.checks import entries, instance, invalid, shown
 from jansen_env.engine.topology import LINKAGE_FAULTS, find_linkage_fault, put_pads
 
-FRAME, CRANK = 1, 2  # numbers of the bodies that all legs share
+FRAME = 1  # number of the chassis, which all legs share
+CRANK = 2  # number of the crank, which all legs share
 LONGEST_NAME = 60  # largest length of a body's name, in bytes
 LARGEST_NUMBER = 2**31  # largest number of a body in a row; beyond any linkage
 INDEPENDENT = 4  # number of independent coordinates: three of the frame, and the crank angle
@@ -122,8 +123,8 @@ class Linkage:
         freedom = 3 * len(self.bodies) - 2 * len(self.pins)
         if freedom != INDEPENDENT:
             raise ValueError(
-                f"Linkage has {len(self.bodies)} bodies and {len(self.pins)} pins, which leave "
-                f"{freedom - 3} degrees of freedom, must be 1"
+                f"Linkage must have 1 degree of freedom, got {freedom - 3} with "
+                f"{len(self.bodies)} bodies and {len(self.pins)} pins"
             )
 
     def _set_rows(
@@ -157,25 +158,25 @@ class Linkage:
         known = {*"".join(joints for _, joints in self.bodies)}
         if len({*self.names}) != len(self.names) or not all(map(str.isidentifier, self.names)):
             raise ValueError(
-                f"Linkage.bodies has names {shown(self.names)}, must be words, all different"
+                f"names of Linkage.bodies must be different words, got {shown(self.names)}"
             )
         if longest := [name for name in self.names if len(name.encode()) > LONGEST_NAME]:
             raise ValueError(
-                f"Linkage.bodies has a name of {len(longest[0])} letters, must be at most "
-                f"{LONGEST_NAME} bytes: files of drawings are named by it"
+                f"a name of Linkage.bodies must have at most {LONGEST_NAME} bytes, because files "
+                f"of drawings are named by it, got {len(longest[0].encode())} bytes"
             )
         for name, joints in self.bodies:
             if len(joints) < 2 or len({*joints}) != len(joints) or not joints.isalpha():
                 raise ValueError(
-                    f"Linkage's {name} has joints {shown(joints)}, must be two or more letters, "
-                    "all different"
+                    f"the joints of Linkage's {name} must be two or more different letters, got "
+                    f"{shown(joints)}"
                 )
         for name in ("toes", "joints"):
             instance(f"Linkage.{name}", getattr(self, name), str)
         if not self.toes:
-            raise ValueError("Linkage.toes is empty, must have one or more")
+            raise ValueError("Linkage.toes must have at least one joint, got none")
         if not self.dyads:
-            raise ValueError("Linkage.dyads is empty, must have one or more")
+            raise ValueError("Linkage.dyads must have at least one Dyad, got none")
         if self.joints and sorted(self.joints) != sorted(known):
             raise invalid("Linkage.joints", self.joints, f"{sorted(known)}")
         for joint, *bodies in self.pins:
@@ -186,8 +187,8 @@ class Linkage:
     def _check_rules(self) -> None:
         """Check the rules that :mod:`jansen_env.engine.topology` defines."""
         where = np.zeros(1, np.int64)
-        # The Python code of the kernel runs, because importing the package defines linkages, and
-        # the engine may not be built yet.
+        # The module of a linkage is imported before the engine is built, so no compiled kernel
+        # may run here.
         fault = find_linkage_fault.function(
             np.array([*map(len, self.members)]),
             self.padded_members,
@@ -224,8 +225,8 @@ class Linkage:
         pairs = {(pin.joint, frozenset(pin[1:])) for pin in self.pins if pin.body != pin.other}
         if len(pairs) < len(self.pins) or meeting(self.pins) != meeting(self._pins()):
             raise ValueError(
-                f"Linkage.pins is {shown(self.pins)}, must hold all bodies together at each joint, "
-                f"such as {shown(self._pins())}"
+                "Linkage.pins must hold all bodies together at each joint, such as "
+                f"{shown(self._pins())}, got {shown(self.pins)}"
             )
 
     def _pins(self) -> tuple[Pin, ...]:
@@ -275,7 +276,7 @@ class Linkage:
     def all_pads(self) -> tuple[tuple[int, int], ...]:
         """Pair of indices (joint, body) of every pad, toes first."""
         pads = np.empty((len(self.toes) + len(self.pads), 2), np.int64)
-        put_pads(self.padded_members, self._indices(self.toes), self._pad_rows(), pads)
+        put_pads.function(self.padded_members, self._indices(self.toes), self._pad_rows(), pads)
         return tuple((joint, body) for joint, body in pads.tolist())
 
     @cached_property

@@ -1,6 +1,6 @@
 """How well do simulators keep the closed loops of a linkage closed?
 
-Run the experiment as follows. It takes about 15 minutes on one core.
+Run the experiment as follows. It takes about four minutes on one idle core.
 
     python experiments/closed_loops.py [--quick]
 

@@ -1,6 +1,6 @@
 """Does a policy that was trained on a serial-chain model of the legs walk on the closed linkage?
 
-Run the experiment as follows. It takes about two minutes on one core.
+Run the experiment as follows. It takes about three minutes on one core.
 
     python experiments/serial_chain.py [--seeds 10] [--policies 0] [--quick]
 

@@ -235,9 +235,7 @@ def test_documented_shapes_are_the_actual_ones(env_id):
 
 def test_the_readmes_table_has_the_numbers_of_observations():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    rows = re.findall(
-        r"^\|.*?\[`(Jansen\w+-v0)`\].*?\| (\d+)[^|]*\|[^|]*\|$", text, re.MULTILINE
-    )
+    rows = re.findall(r"^\|.*?\[`(Jansen\w+-v0)`\].*?\| (\d+)[^|]*\|[^|]*\|$", text, re.MULTILINE)
     assert {env_id for env_id, _ in rows} == {*IDS}
     for env_id, count in rows:
         assert gym.make(env_id).observation_space.shape == (int(count),), env_id

@@ -310,6 +310,7 @@ export class Machine {
 
   /** Push the chassis at the crank axis from now on by an impulse, N s; throw if there are too many. */
   push(x, y) {
+    if (!Number.isFinite(x + y)) throw new Error(`impulse must be finite, got ${x}, ${y}`);
     const { memory, robots, schedule, pushSettings, time } = this;
     const before = robots.read(0, "scheduled");
     const given = [time, x, y, pushSettings, before, schedule.at(0)];

@@ -206,7 +206,7 @@ export function uncut(design, lengths) {
     const sizes = memory.array("CUTTING", 1);
     sizes.write(cutting.sizes);
     const most = leg.members.shape[1];
-    const work = [memory.array("f8", most + 1, 2), memory.array("f8", 2 * most + 2, 3)];
+    const work = [memory.array("f8", most + 1, 2), memory.array("f8", 3 * most + 2, 3)];
     const ofParts = [leg.members, leg.corners, radii, feet, sizes];
     return memory.call("cutting_find_uncut", resized.links, ofParts, work);
   });

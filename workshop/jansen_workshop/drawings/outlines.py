@@ -254,7 +254,8 @@ def _holes(robot: Robot, body: int, points: Sequence[complex]) -> list[Round]:
     pin, *_ = radii(robot.build)
     of_joints, feet = hole_rows(robot)
     of_pins = pin_hole_radii(robot, body).values()
-    rows = np.empty((2 * len(points) + 2, 3))
+    # A joint may have a hole for its pin and two for a foot; a crank has two more for the hub.
+    rows = np.empty((3 * len(points) + 2, 3))
     places = np.array([(z.real, z.imag) for z in points])
     count = put_holes(body - 1, places, of_joints, feet, cutting_row(robot), rows)
     fits = ["slide" if radius == pin else "press" for radius in of_pins]

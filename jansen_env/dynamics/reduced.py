@@ -386,8 +386,6 @@ def lightest_mass(robot: Robot) -> float:
     x = np.where(fore, value[..., 0], -value[..., 0])
     dx, dy, turned = np.moveaxis(slope, -1, 0)
     dy = np.where(fore, dy, -dy)
-    turned = np.where(fore, turned, -turned)
-    turned = np.where(fore, turned, -turned)
     J = np.zeros((*x.shape, 2, 4))  # Jacobian of the point that touches level ground
     J[..., 0, 0] = J[..., 1, 1] = 1.0
     J[..., 0, 2] = robot.pad_radius - value[..., 1]

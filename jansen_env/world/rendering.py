@@ -37,10 +37,8 @@ Color = tuple[int, int, int]
 ARROW_PER_WEIGHT = 0.25  # length of the arrow of a force equal to the robot's weight, m
 ARROW_PER_REACH = 0.1, 0.35  # limits of this length, as fractions of the robot's reach
 LONGEST_ARROW = 2.4  # longest arrow divided by this length, so that impacts stay in the picture
-COIL_WIDTH, SPIRAL_RADIUS = (
-    11.0,
-    11.0,
-)  # width of a linear spring, radius of a torsion spring, units
+COIL_WIDTH = 11.0  # width of a linear spring, units
+SPIRAL_RADIUS = 11.0  # radius of a torsion spring, units
 LARGEST_PAYLOAD = 0.25  # largest half side of the box of a payload, as a fraction of the reach
 TICK_SPACING = 0.5  # distance between marks on the ground, m; times 2, 5, 10 ... if too many
 MOST_MARKS = 40  # largest number of marks

@@ -1,9 +1,9 @@
 // Computes and measures a leg over a turn of its crank with the engine's kernels.
 //
 // bench.py writes a design: {robot: content of its robot file, names: names of the lengths of each body,
-// lengths: {name: value}, parts: which built part each body is, or null, cutting: how they are cut}. `prepare` adds its arrays. In
-// the chassis frame, the crank axis is at the origin, and the robot walks towards +x. Units are metres
-// and radians.
+// lengths: {name: value}, parts: which built part each body is, or null, cutting: how they are cut}.
+// `prepare` adds its arrays. In the chassis frame, the crank axis is at the origin, and the robot walks
+// towards +x. Units are metres and radians.
 
 import { resizer } from "./lengths.js";
 import { Leg, TURN, walkOf } from "./robot.js";

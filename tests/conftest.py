@@ -28,7 +28,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--numbers") and config.getoption("numprocesses", None):
-        raise pytest.UsageError("--numbers is given with -n, must be alone: one process notes them")
+        raise pytest.UsageError("--numbers must go without -n, got both: one process notes them")
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import jansen_env
 from jansen_env.arrays import Array
-from jansen_env.checks import shown
+from jansen_env.checks import invalid, shown
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine import onboard_estimates, walk_reward
 from jansen_env.engine.walk_reward import STEPS_PER_TURN
@@ -116,8 +116,8 @@ def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
             rate is not limited, or if it walks backwards.
     """
     if unknown := [seen for seen in policy.observed if seen not in SENSED]:
-        allowed = f"must be of {[*SENSED]}, as of environments with observe='onboard'"
-        raise ValueError(f"the policy observes {unknown[0]}, {allowed}")
+        allowed = f"one of {[*SENSED]}, as in environments with observe='onboard'"
+        raise invalid("an observation of the policy", unknown[0], allowed)
     arguments = {**arguments_of(policy.env_id), **policy.env_kwargs}
     slowest, fastest = np.broadcast_to(arguments["speed_command"], 2).tolist()
     for key, value in (("torque_rate", arguments["torque_rate"]), ("speed_command", slowest)):

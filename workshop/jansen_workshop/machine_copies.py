@@ -163,8 +163,8 @@ def walk_copies(
         walks.append(walk._replace(torque=torque, pitch=pitch))
     if 2 * stood.sum() < copies:
         raise ValueError(
-            f"{copies - stood.sum()} of {copies} simulated copies of the robot fell under the "
-            "logs' crank speeds and gains, at least half must stand"
+            f"at least half of the {copies} simulated copies of the robot must stand under the "
+            f"logs' crank speeds and gains, got {copies - stood.sum()} that fell"
         )
     standing = [MeasuredWalk(*(series[stood] for series in walk)) for walk in walks]
     mass = np.array([robot.mass for robot in robots])[stood]

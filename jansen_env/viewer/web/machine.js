@@ -315,7 +315,8 @@ export class Machine {
     const before = robots.read(0, "scheduled");
     const given = [time, x, y, pushSettings, before, schedule.at(0)];
     const scheduled = memory.call("pushes_add_push", given);
-    if (scheduled < 0) throw new Error(`there are ${before} pushes, must be fewer`);
+    if (scheduled < 0)
+      throw new Error(`a robot must have at most ${before} pushes at once, got another one`);
     robots.write({ scheduled });
   }
 

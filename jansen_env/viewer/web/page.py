@@ -43,9 +43,9 @@ def page(*recordings: Recording) -> str:
             of the crank alone, or if they need more than ``MAX_BYTES``.
     """
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
-        raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
+        raise ValueError(f"recordings must be 1 or 2, got {len(recordings)}")
     if len(units := {recording.speed_unit for recording in recordings}) > 1:
-        raise ValueError(f"recordings have speeds in {sorted(units)}, must have them in one unit")
+        raise ValueError(f"recordings must have speeds in one unit, got {sorted(units)}")
     labels = _labels(recordings)
     grounds = [_seen(recording) for recording in recordings]
     vertices = sum(0 if ground is None else len(ground) for ground in grounds)

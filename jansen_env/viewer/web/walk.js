@@ -156,7 +156,7 @@ function groundFor(choice) {
       throw new Error(`${name} is "${choice[name].slice(0, 40)}", which this page does not have.`);
   const seed = Number(choice.seed);
   if (!Number.isInteger(seed) || seed < 0 || seed > data.mostSeed)
-    throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${data.mostSeed}.`);
+    throw new Error(`seed must be from 0 to ${data.mostSeed}, got "${choice.seed.slice(0, 40)}".`);
   if (choice.terrain === DRAWN) return pointsOf(choice.ground, data.steepest);
   return groundOf(engine, data.terrain, choice.terrain, Number(choice.level), seed);
 }

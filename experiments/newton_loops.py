@@ -143,8 +143,6 @@ class Kamino:
         if terrain is not None:
             model.shape_material_mu.fill_(FRICTION)
             model.shape_material_restitution.fill_(0.0)
-        self.contacts = None
-        self.pipeline = None
         kind = newton.solvers.SolverKamino.Config
         config = kind.from_model(model, dynamics_solver=setting.solver)
         config.use_collision_detector = terrain is not None
@@ -354,10 +352,10 @@ def walk(setting: Setting) -> list[Any]:
             machine.gap, machine.seconds, work = 0.0, 0.0, 0.0
         rate = float(spins[SHAFT] - spins[CHASSIS])
         before = machine.angle
-        asked, integral = PAPER_PID.torque(
+        commanded, integral = PAPER_PID.torque(
             reference - before, CRANK_SPEED - rate, integral, CONTROL_DT, limit
         )
-        torque = min(limit, max(-limit, float(asked)))
+        torque = min(limit, max(-limit, float(commanded)))
         reference += CRANK_SPEED * CONTROL_DT
         machine.advance(torque, CONTROL_DT)
         work += abs(torque * (machine.angle - before))

@@ -163,8 +163,8 @@ def search_profile(robot: Robot, seed: int, generations: int = GENERATIONS) -> A
     )
     for generation in range(generations):
         points = np.array(search.ask())
-        start = 1000 * (seed + 1) + generation
-        returns = _profile_returns(env, parameters(points), read, start, SEARCH_STEPS)
+        seeds = [1000 * (seed + 1) + generation] * POPULATION  # the same start for all candidates
+        returns = _profile_returns(env, parameters(points), read, seeds, SEARCH_STEPS)
         search.tell(points, -returns)
     env.close()
     return parameters(search.mean[None])[0]
@@ -182,21 +182,18 @@ def _profile_env(robot: Robot, count: int, steps: int) -> tuple[Any, list[int]]:
     return env, list(columns(single, *READ))
 
 
-def _profile_returns(env: Any, numbers: Array, read: list[int], seed: int, steps: int) -> Array:
+def _profile_returns(
+    env: Any, numbers: Array, read: list[int], seeds: Sequence[int], steps: int
+) -> Array:
     """Return the return of an episode of each profile.
-
-    All environments start from the same initial state if all of them have the same profile.
 
     Args:
         env: Environments.
         numbers: Parameters of the profile of each environment.
         read: Indices of the observations that a profile reads.
-        seed: Seed of the initial state, or of the first of several initial states.
+        seeds: Seed of the initial state of each environment.
         steps: Number of steps of an episode.
     """
-    seeds = (
-        [seed] * len(numbers) if len(numbers) == POPULATION else range(seed, seed + len(numbers))
-    )
     observations, _ = env.reset(seed=[*seeds])
     returns = np.zeros(len(numbers))
     alive = np.ones(len(numbers), bool)
@@ -219,7 +216,8 @@ def score_profile(numbers: Array, robot: Robot, episodes: int) -> float:
     """
     env, read = _profile_env(robot, episodes, EPISODE_STEPS)
     repeated = np.tile(numbers, (episodes, 1))
-    returns = _profile_returns(env, repeated, read, 10**6, EPISODE_STEPS)
+    seeds = range(10**6, 10**6 + episodes)
+    returns = _profile_returns(env, repeated, read, seeds, EPISODE_STEPS)
     env.close()
     return float(returns.mean())
 

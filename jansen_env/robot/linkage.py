@@ -179,10 +179,10 @@ class Linkage:
             raise ValueError("Linkage.dyads must have at least one Dyad, got none")
         if self.joints and sorted(self.joints) != sorted(known):
             raise invalid("Linkage.joints", self.joints, f"{sorted(known)}")
-        for joint, *bodies in self.pins:
-            for body in bodies:
-                if not 1 <= body <= len(self.bodies) or joint not in self.bodies[body - 1][1]:
-                    raise ValueError(f"Linkage has {joint} on body {body}, which has no such joint")
+        for k, pin in enumerate(self.pins):
+            for body in pin[1:]:
+                if not 1 <= body <= len(self.bodies) or pin.joint not in self.bodies[body - 1][1]:
+                    raise invalid(f"Linkage.pins[{k}]", pin, "a pin of two bodies with its joint")
 
     def _check_rules(self) -> None:
         """Check the rules that :mod:`jansen_env.engine.topology` defines."""

@@ -69,12 +69,14 @@ def hole_rows(robot: Robot) -> tuple[Array, Bools]:
     """
     joints = [letters for _, letters in robot.linkage.bodies]
     shape = len(joints), max(map(len, joints))
-    radii, feet = np.zeros(shape), np.zeros(shape, bool)
+    of_joints = np.zeros(shape)
+    feet = np.zeros(shape, bool)
     for k, letters in enumerate(joints):
-        holes, toes = pin_hole_radii(robot, k + 1), feet_of(robot, k + 1)
-        radii[k, : len(letters)] = [holes.get(joint, 0.0) for joint in letters]
+        holes = pin_hole_radii(robot, k + 1)
+        toes = feet_of(robot, k + 1)
+        of_joints[k, : len(letters)] = [holes.get(joint, 0.0) for joint in letters]
         feet[k, : len(letters)] = [joint in toes for joint in letters]
-    return radii, feet
+    return of_joints, feet
 
 
 def cutting_row(robot: Robot, sheet: tuple[float, float] = (math.inf, math.inf)) -> Rows:
@@ -91,13 +93,18 @@ def cutting_row(robot: Robot, sheet: tuple[float, float] = (math.inf, math.inf))
     has_shoes = build is ALUMINIUM
     row = np.zeros(1, CUTTING)
     row["wall"] = WALL
-    row["frame_width"], row["width"] = 1e3 * build.frame_width, 1e3 * build.width
+    row["frame_width"] = 1e3 * build.frame_width
+    row["width"] = 1e3 * build.width
     row["outline"] = buildable.OUTLINE
-    row["hub_reach"], row["hub_radius"] = 1e3 * build.hub_screws, M3
-    row["foot_screws"], row["foot_radius"] = (2, SHOE_SCREW) if has_shoes else (1, M3)
+    row["hub_reach"] = 1e3 * build.hub_screws
+    row["hub_radius"] = M3
+    row["foot_screws"] = 2 if has_shoes else 1
+    row["foot_radius"] = SHOE_SCREW if has_shoes else M3
     apart, behind = SHOE_SCREWS
     row["apart_first"], row["apart_second"] = apart
     row["behind_first"], row["behind_second"] = behind
     row["parallel"] = PARALLEL
-    row["sheet_length"], row["sheet_width"] = (side - 2.0 * MARGIN for side in sheet)
+    length, width = sheet
+    row["sheet_length"] = length - 2.0 * MARGIN
+    row["sheet_width"] = width - 2.0 * MARGIN
     return row

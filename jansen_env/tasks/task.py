@@ -115,7 +115,8 @@ class Task(ABC):
             ValueError: If a setting or a name is ignored, or if INFO and TERMS share a name.
         """
         if settings.curriculum is not None and type(self).progress is Task.progress:
-            raise ValueError("curriculum must be None for a task that defines no progress()")
+            allowed = "None for a task that defines no progress()"
+            raise invalid("curriculum", settings.curriculum, allowed)
         if both := sorted({*self.INFO} & {*self.TERMS}):
             raise ValueError(f"INFO and TERMS must have different names, got {both} in both")
         if self.ROW is not None:

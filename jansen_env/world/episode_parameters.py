@@ -131,7 +131,7 @@ class EpisodeParameters:
             allowed = "0 on a ground that is not drawn and so has no levels"
             raise invalid("terrain_level", given, allowed)
         if self.curriculum is not None and not has_levels.all():
-            raise ValueError("curriculum must be None on terrain that has no levels")
+            raise invalid("curriculum", self.curriculum, "None on terrain that has no levels")
 
     def changed(self, i: int, numbers: Mapping[str, float], build: Build | None) -> Plan:
         """Return a plan for the rest of a robot's current episode.

@@ -129,6 +129,7 @@ def test_every_option_is_on_a_page(command: str, capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit):
         jansen_env([command, "--help"])
     options = re.findall(r"^  (?:-\w, )?(--[a-z][\w-]*)", capsys.readouterr().out, re.MULTILINE)
+    assert "--help" in options, "the help has another form"
     text = "".join(page.read_text(encoding="utf-8") for page in NOW)
     for option in {*options} - {"--help"}:
         assert re.search(rf"{option}(?![\w-])", text), option

@@ -1,9 +1,9 @@
 """Ground of each robot, in the forms in which kernels and pymunk use it.
 
-The ground of every robot consists of pymunk's shapes. If they are one height line
-(:class:`jansen_env.Terrain`), the kernels (:mod:`jansen_env.engine.collision`) derive the contact
-planes from the line. The status of a robot contains the stretch of the line that the robot can
-reach until it has moved by :data:`MARGIN` and one more step. On any other ground
+If the ground of a robot is a height line (:class:`jansen_env.Terrain`), the kernels
+(:mod:`jansen_env.engine.collision`) derive the contact planes from the line. The status of the
+robot contains the stretch of the line that the robot can reach until it has moved by
+:data:`MARGIN` and one more step. If the ground consists of pymunk's shapes
 (:class:`jansen_env.terrain.Shapes`), pymunk lists the planes
 (:mod:`jansen_env.plants.shape_planes`).
 """

@@ -1,4 +1,4 @@
-"""Rigid-body backend: links are pymunk bodies, pins are joints, and pymunk solves the contacts.
+"""Rigid-body backend: links are pymunk bodies, pins are joints, pymunk solves rigid contacts.
 
 This backend shares the data of the robot, the ground and the contact laws with the projection
 backend, but not its equations and solvers. Compliant pads have their own springs. The motor and

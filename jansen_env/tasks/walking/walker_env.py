@@ -398,9 +398,10 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     The same task runs on two plants (simulation backends). They share the data of the robot, the
     ground, the contact laws and the motor, but not the equations and solvers. ``"projection"``
     integrates the projected equations of the paper with exact contacts, and is fast enough for
-    training. ``"rigid_body"`` consists of the bodies, joints and contacts of pymunk, and is some
-    hundred times slower. Its joints have small gaps (``info["joint_gap"]``). A policy that walks on
-    both plants does not exploit numerical errors.
+    training. ``"rigid_body"`` consists of the bodies and joints of pymunk, and is some hundred times
+    slower. pymunk solves the contacts of rigid feet; compliant feet are springs and dampers that
+    push the bodies. The joints have small gaps (``info["joint_gap"]``). A policy that walks on both
+    plants does not exploit numerical errors.
 
     Only ``"rigid_body"`` has pins with play and gears with backlash. With ``joint_play``, each pin
     of the legs moves freely in a hole that is wider by this radius, and ``info["joint_gap"]``

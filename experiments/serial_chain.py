@@ -288,9 +288,8 @@ def mean_and_half_width(values: Sequence[float | None]) -> tuple[float, float]:
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
-    """Return the tables of the page: models, controllers, and then trained policies if any."""
-    means: Means = results["scores"]
-    names = [*means]
+    """Return the tables of the page: the models, the controllers, and the searched profiles."""
+    names = [*results["scores"]]
     properties = [
         [name, f"{values['moving_mass']:.2f}", *(f"{k:.4f}" for k in values["crank_inertia"])]
         for name, values in results["models"].items()
@@ -317,8 +316,14 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     ]
     if rows:
         made.append(table(["return of profiles that were searched on", *names], rows))
-    if not results["policies"]:
-        return {PAGE: made}
+    return {PAGE: made}
+
+
+def policy_tables(results: dict[str, Any]) -> list[str]:
+    """Return the tables of the policies that were trained on the models."""
+    means: Means = results["scores"]
+    names = [*means]
+    made: list[str] = []
     differences = []
     closed = [values["return"] for values in means[CLOSED][CLOSED]]
     for name in names[1:]:
@@ -347,7 +352,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
             )
             rows.append([name, *(f"{a:.{decimals}f} ± {b:.{decimals}f}" for a, b in found)])
         made.append(table([metric.replace("_", " "), *names], rows))
-    return {PAGE: made}
+    return made
 
 
 def main() -> None:
@@ -400,6 +405,8 @@ def main() -> None:
         "scores": scores,
     }
     publish(args.out, DATA, results, tables(results))
+    if policies:
+        print("\n\n".join(policy_tables(results)))
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def put_holes(
         feet: Whether each joint of each body is a toe whose foot the body carries, shape
             (bodies, most joints).
         cutting: Sizes by which parts are cut, shape (1,).
-        holes: Output, position x, y and radius of each hole, shape (2 joints + 2 or more, 3).
+        holes: Output, position x, y and radius of each hole, shape (3 joints + 2 or more, 3).
 
     Returns:
         The number of holes.
@@ -116,7 +116,7 @@ def find_uncut(
         feet: See :func:`put_holes`.
         cutting: Sizes by which parts are cut, shape (1,).
         points: Work space, shape (most joints + 1, 2).
-        holes: Work space, shape (2 most joints + 2, 3).
+        holes: Work space, shape (3 most joints + 2, 3).
 
     Returns:
         The index of the first link that cannot be cut, or -1 if there is none.

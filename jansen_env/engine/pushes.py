@@ -1,4 +1,4 @@
-"""Impulses of the pushes in a control step of a robot.
+"""Schedules of pushes, and the impulses of the pushes in a control step of a robot.
 
 :mod:`jansen_env.world.push` documents the pushes.
 """

@@ -119,8 +119,12 @@ class TorquePolicy:
         batch = np.atleast_2d(np.asarray(observation, dtype=float))
         starts = np.asarray(True if state is None else episode_start, dtype=bool)
         torque, state = self.controller(batch, state, np.broadcast_to(starts, len(batch)))
+        torque = np.ascontiguousarray(torque, float)
+        if torque.shape != (len(batch),):
+            allowed = f"one number for each of the {len(batch)} observations"
+            raise ValueError(f"a controller's torques must be {allowed}, got shape {torque.shape}")
         actions = np.empty((len(batch), 1), np.float32)
-        put_commands(np.ascontiguousarray(torque, float), self.torque_limit, actions[:, 0])
+        put_commands(torque, self.torque_limit, actions[:, 0])
         return (actions if np.ndim(observation) > 1 else actions[0]), state
 
 

@@ -249,6 +249,20 @@ def test_dry_friction_holds_at_a_standstill(angle):
     np.testing.assert_allclose(plant.state[:3], rest[:3], atol=1e-12)  # it is held
 
 
+@pytest.mark.parametrize("feet", [Compliance(), GIVE])
+def test_a_fixed_chassis_hangs_in_the_air_wherever_the_ground_is(feet):
+    """The pads do not touch the ground, as in the projection plant."""
+    robot = replace(LIGHT, pad_compliance=feet)
+    ends = []
+    for height in (0.0, 5.0):
+        plant = RigidBodyPlant(robot, Terrain.flat(), fixed_chassis=True)
+        plant.state = np.array([0.0, height, 0.0, 1.0, 0.0, 0.0, 0.0, 3.0])
+        plant.step(2.0, 0.05)
+        assert not plant.in_contact.any()
+        ends.append(plant.state[[3, 7]])
+    np.testing.assert_allclose(*ends, rtol=1e-9)
+
+
 def test_the_motor_gives_what_it_can():
     """Beyond its torque-speed line a torque is the same as at it; energy by its own formula."""
     motor = Motor(stall_torque=4.0, no_load_speed=8.0, torque_limit=3.0, efficiency=0.7)

@@ -335,7 +335,7 @@ class BodySpace:
         terrain: The ground.
         gravity: Gravitational acceleration (x, y), in m/s^2.
         state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
-        fixed_chassis: Whether the chassis is fixed in the air.
+        fixed_chassis: Whether the chassis is fixed in the air, so that no pad touches the ground.
         sides: Indices of the two pads at the ends of each side of a link that collides with the
             ground, shape (n, 2).
         play: Radial clearance of each pin, that of the crank axis first, in m, shape (pins,).
@@ -374,7 +374,8 @@ class BodySpace:
         self._gravity = space.gravity = gravity
         space.collision_slop = SLOP
         space.collision_persistence = 1  # keep only the contacts of the present time step
-        terrain.add_to(space)
+        if not fixed_chassis:
+            terrain.add_to(space)
         layout = pad_layout(robot)
         self.owners = pad_bodies(robot, layout)
         self.home = poses(robot, np.zeros(4))

@@ -5,7 +5,7 @@
 // `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
 
 const NOMINAL_SCALE = 325; // pixels per reach at which line widths are as they are given
-const [COIL_WIDTH, SPIRAL_RADIUS] = [11, 15]; // pixels, of a linear and a torsion spring
+const [COIL_WIDTH, SPIRAL_RADIUS] = [11, 11]; // pixels, of a linear and a torsion spring
 const [COILS, LEAD, TURNS, SPIRAL_POINTS] = [7, 0.14, 1, 48]; // as in drawn_springs.py
 const MOST_SPRINGS = 128; // in a picture
 const CROWDED = 46; // pixels between marks, at least

@@ -114,7 +114,7 @@ def test_of_several_configurations_each_is_a_group():
         ("seed: 1", "unrecognized arguments: --seed 1"),
         ("seeds: [1, 2]", "unrecognized arguments: 2"),
         ("seeds: 0", "argument --seeds: must be a whole number from 1 to"),
-        (f"{{env: [{CRANK}], algo: [sac]}}", f"no configuration for {CRANK}/sac"),
+        (f"{{env: [{CRANK}], algo: [sac]}}", f"configuration must be .*, got '{CRANK}/sac'"),
         (
             "env_kwargs: {speed: 1}",
             r"must be in \[.*, got 'speed'",

@@ -4,6 +4,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from jansen_env.checks import invalid
 from jansen_env.cli.flags import (
     episode_count,
     mapping,
@@ -36,7 +37,7 @@ def shipped_config(env_id: str, algo: str) -> Path:
     path = training_folder(env_id) / f"{algo}.yml"
     if not path.is_file():
         known = [f"{file.parent.name}/{file.stem}" for file in shipped_configs()]
-        raise ValueError(f"the configuration must be a file or one of {known}, got {env_id}/{algo}")
+        raise invalid("the configuration", f"{env_id}/{algo}", f"a file or one of {known}")
     return path
 
 

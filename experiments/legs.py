@@ -8,7 +8,7 @@ Robots with the parts of ``built`` and 4, 6, 8 or 12 legs walk at five commands,
 pretrained policy and under a PID. In addition, robots whose links are lighter, so that the whole
 robot has the mass of the one with four legs, walk under the same policies. The script prints a
 table per metric and writes ``legs.json`` and ``legs.png``. The page docs/legs.md contains the
-tables and the figure, and ``legs.json`` contains the data. The run takes about two minutes on two
+tables and the figure, and ``legs.json`` contains the data. The run takes about a minute on two
 cores.
 """
 

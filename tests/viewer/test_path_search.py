@@ -92,7 +92,7 @@ def cut_fault(name, changed):
         length, width = SHEETS[robot.material]
         nest(cut_parts(robot), 1e3 * complex(length, width))
     except ValueError as error:
-        return str(error).split(" ")[0]
+        return str(error).removeprefix("holes of ").split(" ")[0]
     return ""
 
 

@@ -868,7 +868,7 @@ class RigidBodyBatch(BatchedPlant):
         x, y = cos * ax - sin * ay, sin * ax + cos * ay
         impulse = np.array([*push, x * push[1] - y * push[0]])
         loads[CHASSIS] += impulse / h
-        landing = springs is None and not self.fixed_chassis and self._contacts.landing_soon(now)
+        landing = springs is None and self._contacts.landing_soon(now)
         self._space.aim_pins(now, h)
         after = self._space.advance(h, TOUCHDOWN_ITERATIONS if landing else ITERATIONS)
         mean = 0.5 * (spin + after.motion[:, SPIN])

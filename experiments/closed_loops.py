@@ -130,7 +130,10 @@ class Machine(Protocol):
     """CPU time of all steps so far, in s."""
 
     quick: bool
-    """Whether the CPU time is measured in separate runs, in which nothing else is measured."""
+    """Whether a step is so quick that measuring gap and energy would distort its CPU time.
+
+    The CPU time of such a machine is measured in runs of its own.
+    """
 
     def advance(self, torque: float, duration: float) -> None:
         """Simulate some time under a constant torque on the crank."""
@@ -466,18 +469,28 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """Return the tables of the page: the swing, the squeezer, and the walk."""
     heads = {
         "swing": [
-            "simulator (swing)", "settings", "widest gap (m)",
-            "energy error (fraction of the kinetic energy)", "error of the crank angle (rad)",
+            "simulator (swing)",
+            "settings",
+            "widest gap (m)",
+            "energy error (fraction of the kinetic energy)",
+            "error of the crank angle (rad)",
         ],
         "squeezer": [
-            "simulator (squeezer)", "settings", "widest gap (m)",
-            "energy error (fraction of the work)", "error of the crank angle (rad)",
+            "simulator (squeezer)",
+            "settings",
+            "widest gap (m)",
+            "energy error (fraction of the work)",
+            "error of the crank angle (rad)",
         ],
         "walk": [
-            "simulator (walk)", "settings", "widest gap (m)", "speed (m/s)", "slip (m/m)",
+            "simulator (walk)",
+            "settings",
+            "widest gap (m)",
+            "speed (m/s)",
+            "slip (m/m)",
             "cost of transport",
         ],
-    }  # fmt: skip
+    }
     made = []
     for problem, head in heads.items():
         forms = [".1e", ".3f", ".3f", ".3f"] if problem == "walk" else [".1e"] * 3

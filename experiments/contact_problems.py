@@ -369,9 +369,9 @@ class Toy(NamedTuple):
     sleeve_inertia: float = 5e-9  # kg m^2
     bird_mass: float = 0.0045  # kg
     bird_inertia: float = 7e-7  # kg m^2
-    stiffness: float = 0.0056  # of the spring, N m/rad
+    stiffness: float = 0.0056  # stiffness of the torsion spring, N m/rad
     pole_radius: float = 0.0025  # m
-    hole_radius: float = 0.0031  # of the sleeve, m
+    hole_radius: float = 0.0031  # radius of the hole in the sleeve, m
     sleeve_height: float = 0.0058  # half the height, m
     spring_arm: float = 0.010  # from the sleeve to the spring, m
     bird_arm: float = 0.015  # from the spring to the bird, m
@@ -429,9 +429,9 @@ class Woodpecker:
             [
                 [0.0, 0.0, -toy.beak_height],  # normal and tangential direction of the beak
                 [1.0, toy.spring_arm, toy.bird_arm - toy.beak_length],
-                [0.0, edge, 0.0],  # of the lower edge
+                [0.0, edge, 0.0],  # normal direction of the lower edge of the sleeve
                 [1.0, hole, 0.0],
-                [0.0, -edge, 0.0],  # of the upper edge
+                [0.0, -edge, 0.0],  # normal direction of the upper edge of the sleeve
                 [1.0, hole, 0.0],
             ]
         )

@@ -33,7 +33,7 @@ COMMANDS = (0.2, 0.3)  # m/s
 CONTROLLERS = ("policy", "pid")
 CASES = ((0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.0, 1.0))
 """Radial play in mm, and backlash in degrees."""
-SEEDS = (0, 1)  # of the initial states
+SEEDS = (0, 1)  # seeds of the initial states
 BEFORE = 4.0  # time for which a robot walks on the projection plant first, in s
 SETTLING = 0.3  # time on the rigid-body plant that the metrics leave out, in s
 LONGEST = 8.0  # time after which a walk ends even if its crank got stuck, in s

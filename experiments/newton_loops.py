@@ -360,8 +360,8 @@ def walk(setting: Setting) -> list[Any]:
         machine.advance(torque, CONTROL_DT)
         work += abs(torque * (machine.angle - before))
         if k % 10 == 0:
-            print(k, angles[CHASSIS], centres[CHASSIS], machine.angle, machine.gap,
-                  file=sys.stderr, flush=True)  # fmt: skip
+            progress = k, angles[CHASSIS], centres[CHASSIS], machine.angle, machine.gap
+            print(*progress, file=sys.stderr, flush=True)
         if not np.isfinite(centres).all() or abs(angles[CHASSIS]) > 1.2:
             return [SIMULATOR, setting.label, *[None] * 5]
     way = float(machine.motion()[1][CHASSIS, 0]) - start

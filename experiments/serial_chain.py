@@ -35,7 +35,7 @@ DATA, PAGE = "serial_chain/serial_chain.json", "serial_chain.md"
 RUNS = Path("logs/serial_chain")
 ENV = "JansenWalkerBuilt-v0"
 COMMANDS = (0.1, 0.3, 0.5, 0.7)  # m/s
-SEED = 100  # of the episodes in which policies are compared
+SEED = 100  # seed of the episodes in which policies are compared
 PROFILE_COMMAND = 0.3  # m/s, for which profiles are searched
 POPULATION, GENERATIONS = 20, 12  # candidates per generation; number of generations
 SEARCH_STEPS, EPISODE_STEPS = 200, 500  # control steps of a search and of a test
@@ -332,10 +332,9 @@ def policy_tables(results: dict[str, Any]) -> list[str]:
         )
         back = [values["return"] for values in means[CLOSED][name]]
         lost = [a - b for a, b in zip(there, closed, strict=True)]
-        differences.append(
-            [name, *("{:.1f} ± {:.1f}".format(*mean_and_half_width(v))
-                     for v in (own, there, lost, back))]
-        )  # fmt: skip
+        columns = [mean_and_half_width(values) for values in (own, there, lost, back)]
+        cells = [f"{mean:.1f} ± {half_width:.1f}" for mean, half_width in columns]
+        differences.append([name, *cells])
     heads = (
         "return on this model",
         "return on the closed linkage",

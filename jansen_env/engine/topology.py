@@ -25,7 +25,7 @@ from jansen_env.engine.link_shapes import count_joints
     LOST_JOINT,
 ) = range(11)
 LINKAGE_FAULTS = (
-    ("bodies", "a body of joints of the linkage, as many as its link has"),
+    ("bodies", "a body with as many joints as its link has, all of them joints of the linkage"),
     ("bodies", "a crank whose first joint is a joint of the frame"),
     ("toes", "a joint of the linkage, and each toe must be named once"),
     ("pads", "a joint that its body has and that is no toe, and each joint must be named once"),
@@ -46,7 +46,7 @@ SPRING_FAULTS = (
     "between two joints without a common link",
     "between two links that share a pin",
 )
-"""What a spring must be, for each fault."""
+"""Description of an allowed spring, by the number of the fault."""
 CHASSIS = -2
 """Stands for a point of the chassis at the end of a spring."""
 

@@ -118,7 +118,8 @@ def add_push(pushes: Array, push: Array, settings: Rows) -> Array:
     schedule[: len(pushes)] = pushes
     count = engine.add_push(*push.tolist(), settings, len(pushes), schedule)
     if count < 0:
-        raise ValueError(f"a robot must have at most {MOST_PUSHES} pushes at once, got another one")
+        allowed = f"at most {MOST_PUSHES} pushes that are not over"
+        raise ValueError(f"a robot must have {allowed}, got {MOST_PUSHES + 1}")
     return schedule[:count]
 
 

@@ -129,7 +129,7 @@ def test_what_is_no_robot_is_refused():
             "linkage": {**linkage, "dyads": [["B", "A", "P", 0], *linkage["dyads"][1:]]},
         },
         "a link for each body": {**paper, "bodies": paper["bodies"][1:]},
-        r"linkage.bodies\[\d\] must be a body of joints of the linkage, as many": {
+        r"linkage.bodies\[\d\] must be a body with as many joints as its link has": {
             **paper,
             "bodies": [*paper["bodies"][1:], paper["bodies"][0]],
         },

@@ -152,7 +152,7 @@ def test_pushes_that_are_over_make_room():
         env.push((0.01, 0.0))
         walk(env, 1)
     assert len(env.get_state()["record"]["schedule"]) <= 6
-    with pytest.raises(ValueError, match="must have at most 1000 pushes at once"):
+    with pytest.raises(ValueError, match="must have at most 1000 pushes that are not over"):
         for _ in range(1001):
             env.push((0.0, 0.0))
 

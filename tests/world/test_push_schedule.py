@@ -126,7 +126,7 @@ def test_a_new_push_replaces_those_that_are_over():
 def test_a_full_schedule_takes_a_push_once_another_one_is_over():
     settings = push_settings(Push(0.0, duration=0.5), STEP)
     schedule = np.tile([1.0, 0.1, 0.0], (MOST_PUSHES, 1))
-    with pytest.raises(ValueError, match=f"at most {MOST_PUSHES} pushes at once"):
+    with pytest.raises(ValueError, match=f"at most {MOST_PUSHES} pushes that are not over"):
         add_push(schedule, np.array([1.25, 0.1, 0.0]), settings)
     schedule[3, 0] = 0.5
     assert len(add_push(schedule, np.array([1.25, 0.1, 0.0]), settings)) == MOST_PUSHES

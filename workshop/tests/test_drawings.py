@@ -561,8 +561,11 @@ def test_springs_have_holes_and_lines_in_the_bill():
     rows = spring_rows(sprung)
     assert [row.number for row in rows] == [4] * 4
     assert [row.name for row in rows] == [
-        "spring E-chassis", "spring D-C", "spring B-chassis", "torsion spring rocker-foot",
-    ]  # fmt: skip
+        "spring E-chassis",
+        "spring D-C",
+        "spring B-chassis",
+        "torsion spring rocker-foot",
+    ]
     assert rows[0].dimensions.startswith("30 N/m, rest 200.0 mm, longest ")
     assert rows[0].note.startswith(
         "eye on the pin of 6 mm at E; hole of 3.2 mm in frame at (-197.99"

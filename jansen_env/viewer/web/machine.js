@@ -316,7 +316,9 @@ export class Machine {
     const given = [time, x, y, pushSettings, before, schedule.at(0)];
     const scheduled = memory.call("pushes_add_push", given);
     if (scheduled < 0)
-      throw new Error(`a robot must have at most ${before} pushes at once, got another one`);
+      throw new Error(
+        `a robot must have at most ${before} pushes that are not over, got ${before + 1}`,
+      );
     robots.write({ scheduled });
   }
 

@@ -95,7 +95,7 @@ class GoalTask(Task):
     OPTIONS = ("goal",)
 
     def __init__(self, settings: GoalSettings, threads: int | None = None) -> None:
-        self._arrival = settings.arrival_weight
+        self.arrival_weight = settings.arrival_weight
         self._exponent = settings.energy_weight
         super().__init__(settings, threads)
 
@@ -135,7 +135,7 @@ class GoalTask(Task):
         held = np.where(near, self.info["held"] + self.control_dt, 0.0)
         self.keep(held=held, is_success=held >= HOLD - UP_TO)
         close = closeness(distance)
-        arrival = arrived(distance, self._arrival)
+        arrival = arrived(distance, self.arrival_weight)
         saving = energy(np.abs(world.motor_power), world.weight, self._exponent)
         self.keep(closeness=close, arrival=arrival, energy=saving)
         return (close + arrival) * saving

@@ -33,7 +33,7 @@ from jansen_env.world.push import Push
 if TYPE_CHECKING:
     from jansen_env.scoring.evaluation import evaluate
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 __all__ = [
     "MOTORS",

@@ -10,6 +10,7 @@ from decimal import Decimal
 from difflib import get_close_matches
 from functools import cache
 from numbers import Integral, Real
+from operator import attrgetter
 from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar, get_type_hints
 
@@ -407,7 +408,56 @@ class FiniteWith(NamedTuple):
             raise invalid(name, other, f"finite with a {self.field} of {value}")
 
 
-Rule: TypeAlias = Combination | FiniteWith
+class AtLeast(NamedTuple):
+    """Rule for a dataclass: a field must have at least a certain number of entries.
+
+    Attributes:
+        field: Name of the field.
+        least: Smallest allowed number of entries.
+    """
+
+    field: str
+    least: int
+
+    def check(self, part: object) -> None:
+        """Check that an instance of the dataclass follows the rule.
+
+        Raises:
+            ValueError: If it does not.
+        """
+        count = len(getattr(part, self.field))
+        if count < self.least:
+            name = f"{type(part).__name__}.{self.field}"
+            raise ValueError(f"{name} must have {self.least} or more entries, got {count}")
+
+
+class AsManyAs(NamedTuple):
+    """Rule for a dataclass: a field must have as many entries as another field.
+
+    Attributes:
+        field: Name of the field.
+        other: Name of the other field, or its path, such as "linkage.bodies".
+    """
+
+    field: str
+    other: str
+
+    def check(self, part: object) -> None:
+        """Check that an instance of the dataclass follows the rule.
+
+        Raises:
+            ValueError: If it does not.
+        """
+        count = len(getattr(part, self.field))
+        allowed = len(attrgetter(self.other)(part))
+        if count != allowed:
+            name = f"{type(part).__name__}.{self.field}"
+            raise ValueError(
+                f"{name} must have as many entries as {self.other}, {allowed}, got {count}"
+            )
+
+
+Rule: TypeAlias = Combination | FiniteWith | AtLeast | AsManyAs
 
 
 def check_limits(part: Any) -> None:

@@ -10,18 +10,18 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from jansen_env.arrays import Ints
-from jansen_env.checks import entries, instance, invalid, shown
+from jansen_env.checks import AtLeast, Rule, check_limits, entries, instance, invalid, shown
 from jansen_env.engine.topology import LINKAGE_FAULTS, find_linkage_fault, put_pads
 
 FRAME = 1  # number of the chassis, which all legs share
 CRANK = 2  # number of the crank, which all legs share
 LONGEST_NAME = 60  # largest length of a body's name, in bytes
-LARGEST_NUMBER = 2**31  # largest number of a body in a row; beyond any linkage
+LARGEST_NUMBER = 2**31  # largest magnitude of a number in a row; beyond any linkage
 INDEPENDENT = 4  # number of independent coordinates: three of the frame, and the crank angle
 
 
@@ -95,6 +95,11 @@ class Linkage:
     damped: tuple[tuple[int, int], ...] = ()
     bearings: tuple[tuple[int, int], ...] = ()
     pads: tuple[tuple[str, int], ...] = ()
+    RULES: ClassVar[tuple[Rule, ...]] = (
+        AtLeast("bodies", 2),
+        AtLeast("dyads", 1),
+        AtLeast("toes", 1),
+    )
 
     def __post_init__(self) -> None:
         def default(name: str, value: object) -> None:
@@ -153,8 +158,9 @@ class Linkage:
 
     def _check_names(self) -> None:
         """Check the names of bodies and joints, and that pins are at joints of their bodies."""
-        if len(self.bodies) < 2:
-            raise ValueError(f"Linkage.bodies must have at least 2 bodies, got {len(self.bodies)}")
+        for name in ("toes", "joints"):
+            instance(f"Linkage.{name}", getattr(self, name), str)
+        check_limits(self)
         known = {*"".join(joints for _, joints in self.bodies)}
         if len({*self.names}) != len(self.names) or not all(map(str.isidentifier, self.names)):
             raise ValueError(
@@ -171,12 +177,6 @@ class Linkage:
                     f"the joints of Linkage's {name} must be two or more different letters, got "
                     f"{shown(joints)}"
                 )
-        for name in ("toes", "joints"):
-            instance(f"Linkage.{name}", getattr(self, name), str)
-        if not self.toes:
-            raise ValueError("Linkage.toes must have at least one joint, got none")
-        if not self.dyads:
-            raise ValueError("Linkage.dyads must have at least one Dyad, got none")
         if self.joints and sorted(self.joints) != sorted(known):
             raise invalid("Linkage.joints", self.joints, f"{sorted(known)}")
         for k, pin in enumerate(self.pins):

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
-from jansen_env.checks import check_limits, entries, instance, invalid, one_of, set_checked
+from jansen_env.checks import (
+    AsManyAs,
+    AtLeast,
+    Rule,
+    check_limits,
+    entries,
+    instance,
+    invalid,
+    one_of,
+    set_checked,
+)
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.buildable import BUILDS, Build
 from jansen_env.robot.linkage import JANSEN, Linkage
@@ -87,24 +97,31 @@ class Robot:
     bearing_friction: tuple[Size, ...] = (0.0,) * len(JANSEN.bearings)
     material: str = "aluminium"
     springs: tuple[AnySpring, ...] = ()
+    RULES: ClassVar[tuple[Rule, ...]] = (
+        AsManyAs("bodies", "linkage.bodies"),
+        AsManyAs("damping", "linkage.damped"),
+        AsManyAs("bearing_friction", "linkage.bearings"),
+        AtLeast("legs", 1),
+    )
 
     def __post_init__(self) -> None:
         instance("Robot.linkage", self.linkage, Linkage)
-        self._set_bodies()
+        for name in ("bodies", "damping", "bearing_friction", "legs", "springs"):
+            values = entries(f"Robot.{name}", getattr(self, name), "a list")
+            object.__setattr__(self, name, values)
         instance("Robot.payload", self.payload, Payload)
         instance("Robot.motor", self.motor, Motor)
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
         one_of("Robot.material", self.material, BUILDS)
         set_checked(self, within_a_turn, "frame_angle")
         check_limits(self)
-        self._set_pairs("damping", "joint pairs", self.linkage.damped)
-        self._set_pairs("bearing_friction", "bearings", self.linkage.bearings)
-        self._set_springs()
-        object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
-        if not self.legs:
-            raise ValueError("Robot.legs must have at least one Leg, got none")
+        self._check_bodies()
+        for name in ("damping", "bearing_friction"):
+            numbers = tuple(SIZE.check(f"Robot.{name}", value) for value in getattr(self, name))
+            object.__setattr__(self, name, numbers)
+        self._check_springs()
         if not all(isinstance(leg, Leg) for leg in self.legs):
-            raise invalid("Robot.legs", self.legs, "at least one Leg and nothing else")
+            raise invalid("Robot.legs", self.legs, "a list of Legs")
         pads = len(self.linkage.all_pads)
         if len(self.legs) * pads > MOST_PADS:
             given = f"{len(self.legs)} legs of {pads} pads each"
@@ -113,44 +130,20 @@ class Robot:
             allowed = "0: the first leg's crank defines the crank angle"
             raise invalid("Robot.legs[0].phase", self.legs[0].phase, allowed)
 
-    def _set_bodies(self) -> None:
+    def _check_bodies(self) -> None:
         """Check that each body is a link with the number of joints that the linkage requires."""
-        named = self.linkage.bodies
-        bodies = entries("Robot.bodies", self.bodies, f"a link for each of {self.linkage.names}")
-        if len(bodies) != len(named):
-            allowed = f"must have one for each of {self.linkage.names}"
-            raise ValueError(f"Robot.bodies has {len(bodies)} links, {allowed}")
-        for (name, joints), body in zip(named, bodies, strict=True):
+        for (name, joints), body in zip(self.linkage.bodies, self.bodies, strict=True):
             if not isinstance(body, Link) or len(body.corners) != len(joints):
                 kinds = {2: "a Bar", 3: "a Triangle"}.get(len(joints), "a Plate")
                 allowed = f"{kinds} or a Plate with joints {joints}"
                 raise invalid(f"Robot.bodies: {name}", body, allowed)
-        object.__setattr__(self, "bodies", tuple(bodies))
 
-    def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:
-        """Check a field that has one number for each pair of bodies.
-
-        Args:
-            name: Name of the field.
-            label: Name of the pairs, for error messages.
-            pairs: The pairs of bodies.
-        """
-        each = f"one number for each of the {len(pairs)} {label} {pairs}"
-        values = entries(f"Robot.{name}", getattr(self, name), each)
-        if len(values) != len(pairs):
-            raise ValueError(f"Robot.{name} must be {each}, got {len(values)} values")
-        checked = tuple(SIZE.check(f"Robot.{name}", value) for value in values)
-        object.__setattr__(self, name, checked)
-
-    def _set_springs(self) -> None:
+    def _check_springs(self) -> None:
         """Check that the springs fit the linkage."""
-        kinds = "a Spring or a TorsionSpring"
-        springs = entries("Robot.springs", self.springs, f"entries that are each {kinds}")
-        for k, spring in enumerate(springs):
+        for k, spring in enumerate(self.springs):
             if not isinstance(spring, Spring | TorsionSpring):
-                raise invalid(f"Robot.springs[{k}]", spring, kinds)
+                raise invalid(f"Robot.springs[{k}]", spring, "a Spring or a TorsionSpring")
             check_spring(f"Robot.springs[{k}]", spring, self.linkage)
-        object.__setattr__(self, "springs", springs)
 
     def body(self, name: str) -> Any:
         """Return the link with a name of ``linkage.names``.

@@ -16,12 +16,23 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from jansen_env.checks import FiniteWith, Limits, Rule, invalid, listed, named_errors, one_of, shown
+from jansen_env.checks import (
+    AsManyAs,
+    AtLeast,
+    FiniteWith,
+    Limits,
+    Rule,
+    invalid,
+    listed,
+    named_errors,
+    one_of,
+    shown,
+)
 from jansen_env.files import read_bounded, write_json
 from jansen_env.robot.buildable import BUILDS
 from jansen_env.robot.designs import ROBOTS
 from jansen_env.robot.lengths import with_lengths
-from jansen_env.robot.linkage import Linkage
+from jansen_env.robot.linkage import LARGEST_NUMBER, Linkage
 from jansen_env.robot.links import Bar, Compliance, Leg, Payload, Plate, Triangle
 from jansen_env.robot.motor import Motor
 from jansen_env.robot.robot import Robot
@@ -172,9 +183,13 @@ def file_schema() -> dict[str, dict[str, Any]]:
         required. The fields of a linkage that Python derives from other fields if they are missing
         are required, too.
 
-        A rule is ``{"sum": fields, "number": limits}``, ``{"product": fields, "number": limits}``,
-        or ``{"with": field, "finite": other}``. The last rule means that ``other`` must be finite
-        if ``field`` is neither 0 nor infinite.
+        A rule is one of the following:
+
+        - ``{"sum": fields, "number": limits}`` or ``{"product": fields, "number": limits}``,
+        - ``{"with": field, "finite": other}``, which means that ``other`` must be finite if
+          ``field`` is neither 0 nor infinite,
+        - ``{"field": field, "least": count}`` for a list with at least ``count`` entries,
+        - ``{"field": field, "other": path}`` for a list with as many entries as another list.
     """
     return {
         name: {
@@ -189,6 +204,8 @@ def _rule_to_json(rule: Rule) -> dict[str, Any]:
     """Return a rule in the form of :func:`file_schema`."""
     if isinstance(rule, FiniteWith):
         return {"with": rule.field, "finite": rule.other}
+    if isinstance(rule, AtLeast | AsManyAs):
+        return rule._asdict()
     return {rule.operation: rule.fields, "number": _limits_to_json(rule.limits)}
 
 
@@ -221,10 +238,10 @@ def _kind_of(hint: Any) -> dict[str, Any]:
     """Return the values that a type allows, as JSON.
 
     Returns:
-        One of ``{"number": limits}``, ``{"type": "boolean"}`` (or "string" or "whole"),
-        ``{"one": values}``, ``{"parts": names}``, ``{"each": kind}`` for the entries of a list, and
-        ``{"row": kinds}`` for a list with a fixed number of entries. See :func:`_limits_to_json`
-        for the limits.
+        One of ``{"number": limits}``, ``{"whole": most}`` for a whole number from ``-most`` to
+        ``most``, ``{"type": "boolean"}`` (or "string"), ``{"one": values}``, ``{"parts": names}``,
+        ``{"each": kind}`` for the entries of a list, and ``{"row": kinds}`` for a list with a fixed
+        number of entries. See :func:`_limits_to_json` for the limits.
     """
     origin = get_origin(hint)
     arguments = get_args(hint)
@@ -243,7 +260,9 @@ def _kind_of(hint: Any) -> dict[str, Any]:
         return {"parts": [hint.__name__]}
     if issubclass(hint, tuple):  # a NamedTuple
         return {"row": [_kind_of(each) for each in get_type_hints(hint).values()]}
-    return {"type": {bool: "boolean", int: "whole", str: "string"}[hint]}
+    if hint is int:
+        return {"whole": LARGEST_NUMBER}
+    return {"type": {bool: "boolean", str: "string"}[hint]}
 
 
 def _limits_to_json(limits: Limits) -> dict[str, Any]:

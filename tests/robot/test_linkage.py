@@ -36,7 +36,7 @@ def upside_down(**given):
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: four_bar(dyads=[]), "Linkage.dyads must have at least one Dyad"),
+        (lambda: four_bar(dyads=[]), "Linkage.dyads must have 1 or more entries, got 0"),
         (
             lambda: four_bar(tie={"P": (0.0, 0.0), "S": (1.0, 0.0)}),
             r"joints\[\d\] must be a joint that the dyads determine, got 'S'",
@@ -94,7 +94,10 @@ def upside_down(**given):
         ),
         (lambda: replace(JANSEN, damped=((1, 2**70),)), r"damped must have rows .*, got \(1, 11"),
         (lambda: replace(JANSEN, joints="ABC"), "Linkage.joints must be.*got 'ABC'"),
-        (lambda: Linkage((("frame", "OP"),), (), "P"), "must have at least 2 bodies, got 1"),
+        (
+            lambda: Linkage((("frame", "OP"),), (), "P"),
+            "Linkage.bodies must have 2 or more entries, got 1",
+        ),
         (lambda: paper_robot().with_bodies(knee=None), "body must be one of.*got 'knee'"),
         (lambda: paper_robot().body("knee"), "body must be one of.*got 'knee'"),
     ],

@@ -40,17 +40,20 @@ REFUSED = [
     (lambda: paper_robot(101), "phases must be .* from 1 to 100, got 101"),
     (lambda: Robot(pad_radius=0.0), "Robot.pad_radius must be .*, got 0.0"),
     (lambda: Robot(material="steel"), "Robot.material must be .*, got 'steel'"),
-    (lambda: Robot(damping=(0.1,) * 9), "Robot.damping must be one number .*, got 9 values"),
+    (
+        lambda: Robot(damping=(0.1,) * 9),
+        "Robot.damping must have as many entries as linkage.damped, 10, got 9",
+    ),
     (lambda: Robot(damping=(-0.1,) * 10), "Robot.damping must be .*, got -0.1"),
     (
         lambda: Robot(bearing_friction=(0.1,)),
-        "bearing_friction must be one number .*, got 1 values",
+        "bearing_friction must have as many entries as linkage.bearings, 10, got 1",
     ),
     (lambda: Robot().with_bodies(rocker=0.25), "rocker must be a Bar or a Plate.*got 0.25"),
     (lambda: Robot().with_bodies(foot=Bar(0.25)), r"Robot\.bodies: foot must be a Triangle or a"),
     (lambda: Bar(1e308), r"Bar.length must be .* lengths are in metres, got 1e\+308"),
     (lambda: Plate(((0, 0), (240, 2400))), r"Plate.points must be .* in metres, got 2400"),
-    (lambda: Robot(legs=()), "Robot.legs must have at least one Leg, got none"),
+    (lambda: Robot(legs=()), "Robot.legs must have 1 or more entries, got 0"),
     (
         lambda: Robot(legs=(Leg("fore"),) * 201),
         "legs must have at most .*, got 201 legs of 6 pads each",

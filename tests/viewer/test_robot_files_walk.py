@@ -19,6 +19,7 @@ from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import ROBOTS, Compliance, Payload, Spring, TorsionSpring
 from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.robot.linkage import LARGEST_NUMBER
 from jansen_env.robot.motor import MOTORS
 from jansen_env.robot.robot_file import (
     file_schema,
@@ -102,8 +103,11 @@ def test_what_is_no_robot_is_refused():
         return {**paper, "springs": [{"is": is_, **fields}]}
 
     wrong = {
-        "its format is not": {**paper, "format": "jansen_env robot 0"},
-        "describes a Motor": {**paper, "is": "Motor"},
+        "its format must be .jansen_env robot 1., got .jansen_env robot 0.": {
+            **paper,
+            "format": "jansen_env robot 0",
+        },
+        "it must describe a Robot, got .Motor.": {**paper, "is": "Motor"},
         "linkage.pads is missing; write it with write_robot": {
             **paper,
             "linkage": {k: v for k, v in linkage.items() if k != "pads"},
@@ -128,7 +132,10 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "linkage": {**linkage, "dyads": [["B", "A", "P", 0], *linkage["dyads"][1:]]},
         },
-        "a link for each body": {**paper, "bodies": paper["bodies"][1:]},
+        "bodies must have as many entries as linkage.bodies, 8, got 7": {
+            **paper,
+            "bodies": paper["bodies"][1:],
+        },
         r"linkage.bodies\[\d\] must be a body with as many joints as its link has": {
             **paper,
             "bodies": [*paper["bodies"][1:], paper["bodies"][0]],
@@ -139,9 +146,12 @@ def test_what_is_no_robot_is_refused():
         },
         r"linkage.damped\[0\] must be two different bodies": {
             **paper,
-            "linkage": {**linkage, "damped": [[1, 99]]},
+            "linkage": {**linkage, "damped": [[1, 99], *linkage["damped"][1:]]},
         },
-        "damping or friction": {**paper, "damping": [0.1]},
+        "damping must have as many entries as linkage.damped, 10, got 1": {
+            **paper,
+            "damping": [0.1],
+        },
         r"linkage.dyads\[1\] must be a dyad whose start and end": {
             **paper,
             "linkage": {**linkage, "dyads": linkage["dyads"][1:]},
@@ -160,10 +170,43 @@ def test_what_is_no_robot_is_refused():
         r"springs\[0\].stiffness must be between 0 and": sprung(
             is_="Spring", start="D", stiffness=-1.0
         ),
-        f"{MOST_TOES + 2} toes": as_file(ROBOTS["paper"](MOST_TOES // 2 + 1)),
+        f"at most {MOST_TOES} toes in all": as_file(ROBOTS["paper"](MOST_TOES // 2 + 1)),
     }
     for (pattern, _), told in zip(wrong.items(), in_node([*wrong.values()])["tables"], strict=True):
         assert isinstance(told, str) and re.search(pattern, told), (pattern, told)
+
+
+def test_counts_and_whole_numbers_are_refused_as_in_python():
+    """The page and Python name the entry, also where the engine's integers would overflow."""
+    paper = as_file(ROBOTS["paper"]())
+    linkage = paper["linkage"]
+    joint, start, end, _ = linkage["dyads"][0]
+
+    def with_linkage(**fields):
+        return {**paper, "linkage": {**linkage, **fields}}
+
+    wrong = [
+        ("bodies", {**with_linkage(bodies=[]), "bodies": []}),
+        ("bodies", {**with_linkage(bodies=linkage["bodies"][:1]), "bodies": paper["bodies"][:1]}),
+        ("dyads", with_linkage(dyads=[])),
+        ("toes", with_linkage(toes="")),
+        ("legs", {**paper, "legs": []}),
+        (r"legs\[0\].phase", {**paper, "legs": [{"is": "Leg", "side": "fore", "phase": 0.5}]}),
+        *((name, {**paper, name: paper[name][1:]}) for name in ("bodies", "damping")),
+        ("bearing_friction", {**paper, "bearing_friction": [0.0] * 11}),
+    ]
+    for number in (LARGEST_NUMBER + 1, -LARGEST_NUMBER - 1, 2**64, 2**64 + 2**12):
+        for name in ("damped", "bearings"):
+            wrong.append((name, with_linkage(**{name: [[number, 2], *linkage[name][1:]]})))
+        wrong.append(("pads", with_linkage(pads=[["C", number]])))
+        wrong.append(("pins", with_linkage(pins=[["O", 2, number], *linkage["pins"][1:]])))
+        dyads = [[joint, start, end, number], *linkage["dyads"][1:]]
+        wrong.append(("dyads", with_linkage(dyads=dyads)))
+    told = in_node([content for _, content in wrong])["tables"]
+    for (name, content), message in zip(wrong, told, strict=True):
+        with pytest.raises(ValueError, match=f"{name} must (be|have) .*, got "):
+            robot_from_json(content)
+        assert re.search(rf"{name}\S* must (be|have) .*, got ", message), message
 
 
 def wrong_numbers(part, name="Robot", wrap=lambda part: part):

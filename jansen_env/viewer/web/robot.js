@@ -48,24 +48,20 @@ function completed(layout, value) {
 /** Check the content of a file; for each check, yield what is wrong, or a falsy value. */
 function* faultsOf({ work, layout }, content) {
   const { schema, numbers, format, tasks } = layout;
-  yield content?.format !== format && `its format is not "${format}"`;
+  yield content?.format !== format &&
+    `its format must be "${format}", got ${shown(content?.format)}`;
   const { format: _, ...robot } = content;
-  yield robot.is !== "Robot" && `it describes a ${robot.is}, not a Robot`;
+  yield robot.is !== "Robot" && `it must describe a Robot, got ${shown(robot.is)}`;
   yield* faultsOfValue(schema, { parts: ["Robot"] }, robot, "");
   const complete = completed(layout, robot);
-  const { linkage, bodies, legs, damping, bearing_friction: friction, springs } = complete;
-  yield bodies.length !== linkage.bodies.length &&
-    "it does not have a link for each body of its linkage";
+  const { linkage, legs, springs } = complete;
   yield work.scratch(() => faultOfLinkage(work, complete));
-  const pairs = [damping.length, friction.length];
-  const isOf = pairs[0] === linkage.damped.length && pairs[1] === linkage.bearings.length;
-  yield !isOf && "its damping or friction does not fit its linkage";
   for (const [k, spring] of springs.entries())
     yield work.scratch(() => faultOfSpring(work, linkage, spring, `springs[${k}]`));
-  yield legs.length === 0 && "it has no legs";
   yield (legs[0].phase ?? 0) !== 0 && `legs[0].phase must be 0, got ${legs[0].phase}`;
   const toes = legs.length * linkage.toes.length;
-  yield !(toes in tasks) && `it has ${toes} toes, which this page does not support`;
+  const mostToes = Object.keys(tasks).length;
+  yield toes > mostToes && `its legs must have at most ${mostToes} toes in all, got ${toes}`;
   const pads = legs.length * (linkage.toes.length + linkage.pads.length);
   const most = numbers.MOST_PADS;
   yield pads > most && `its legs must have at most ${most} pads in all, got ${pads}`;
@@ -90,7 +86,8 @@ function refused(kind, value) {
 
 const CHECKS = {
   number: isWithin,
-  type: (type, value) => (type === "whole" ? Number.isInteger(value) : typeof value === type),
+  whole: (most, value) => Number.isInteger(value) && Math.abs(value) <= most,
+  type: (type, value) => typeof value === type,
   one: (values, value) => values.includes(value),
   parts: (names, value) => names.includes(value?.is),
   each: (_, value) => Array.isArray(value),
@@ -98,7 +95,8 @@ const CHECKS = {
 };
 const ALLOWED = {
   number: ({ allowed }) => allowed,
-  type: (type) => `a ${type}${type === "whole" ? " number" : ""}`,
+  whole: (most) => `a whole number from ${-most} to ${most}`,
+  type: (type) => `a ${type}`,
   one: (values) => `one of ${values.join(", ")}`,
   parts: (names) => `a ${names.join(" or a ")}`,
   each: () => "a list",
@@ -115,8 +113,20 @@ function* faultsOfPart(schema, { is, ...given }, start) {
   for (const [name, { kind, default: value }] of Object.entries(fields))
     if (name in given) yield* faultsOfValue(schema, kind, given[name], start + name);
     else yield value === undefined && `${start}${name} is missing; write it with write_robot`;
-  const numbers = whole({ schema }, { is, ...given });
-  for (const rule of rules) yield faultOfRule(rule, numbers, start);
+  const values = whole({ schema }, { is, ...given });
+  for (const rule of rules)
+    yield rule.field ? faultOfCount(rule, values, start) : faultOfRule(rule, values, start);
+}
+
+function faultOfCount({ field, least, other }, values, start) {
+  const count = values[field].length;
+  if (!other)
+    return count < least && `${start}${field} must have ${least} or more entries, got ${count}`;
+  const allowed = other.split(".").reduce((part, name) => part[name], values).length;
+  return (
+    count !== allowed &&
+    `${start}${field} must have as many entries as ${other}, ${allowed}, got ${count}`
+  );
 }
 
 function faultOfRule({ sum, product, number, with: field, finite: other }, numbers, start) {

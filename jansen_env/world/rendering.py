@@ -39,7 +39,15 @@ ARROW_PER_REACH = 0.1, 0.35  # limits of this length, as fractions of the robot'
 LONGEST_ARROW = 2.4  # longest arrow divided by this length, so that impacts stay in the picture
 COIL_WIDTH = 11.0  # width of a linear spring, units
 SPIRAL_RADIUS = 11.0  # radius of a torsion spring, units
+PAYLOAD_SIDE = 0.085  # half side of the box of a payload of 1 kg, m
+PAYLOAD_SIDES = 0.06, 0.17  # limits of the half side of the box of a payload, m
 LARGEST_PAYLOAD = 0.25  # largest half side of the box of a payload, as a fraction of the reach
+PICTURE_HEIGHT = 1.66  # least height of a picture, divided by the reach
+PICTURE_WIDTH = 2.3  # least width of a picture, divided by the reach
+AXIS_HEIGHT = 0.85  # height of the crank axis in a picture without terrain, divided by the reach
+DEPTH_BELOW = 0.24  # height of the picture below the ground, divided by the reach
+NEARBY = 0.7  # distance to each side at which terrain counts as nearby, divided by the reach
+NEARBY_POINTS = 15  # number of points of which the mean height of nearby terrain is computed
 TICK_SPACING = 0.5  # distance between marks on the ground, m; times 2, 5, 10 ... if too many
 MOST_MARKS = 40  # largest number of marks
 LOAD_RANGE = 5.0  # load at the end of the load gauge, as a multiple of the weight
@@ -167,7 +175,8 @@ class Renderer:
         self._reach = reach = min(max(reach_of(robot), REACHES[0]), REACHES[1])
         least, most = ARROW_PER_REACH
         self._arrow_per_weight = min(max(ARROW_PER_WEIGHT, least * reach), most * reach)
-        self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
+        # canvas pixels per m
+        self._scale = min(HEIGHT / (PICTURE_HEIGHT * reach), WIDTH / (PICTURE_WIDTH * reach))
         self._depth = depths_of(robot)
         self._springs = drawn_springs(robot)
 
@@ -234,12 +243,13 @@ class Renderer:
     def _paint(self, frame: Frame) -> None:
         """Paint a frame on the canvas."""
         q = np.clip(np.asarray(frame.q, dtype=float), -FARTHEST, FARTHEST)
-        level = q[1] - 0.85 * self._reach
+        level = q[1] - AXIS_HEIGHT * self._reach
         if self._terrain is not None:
             # Following the mean height nearby keeps the picture steady on rough terrain.
-            near = self._surface(q[0] + self._reach * np.linspace(-0.7, 0.7, 15))
+            ways = self._reach * np.linspace(-NEARBY, NEARBY, NEARBY_POINTS)
+            near = self._surface(q[0] + ways)
             level = min(max(float(near[:, 1].mean()), q[1] - self._reach), q[1])
-        bottom = level - 0.24 * self._reach
+        bottom = level - DEPTH_BELOW * self._reach
         self._corner = np.array([q[0] - 0.5 * WIDTH / self._scale, bottom + HEIGHT / self._scale])
         self._canvas.fill(SKY)
         if self._terrain is not None:
@@ -382,7 +392,8 @@ class Renderer:
         load = self.robot.payload
         if load.mass > 0.0:
             turn = np.array([directions(q[2]), directions(q[2] + 0.5 * math.pi)])
-            half = min(max(0.085 * load.mass ** (1.0 / 3.0), 0.06), 0.17)  # m
+            least, most = PAYLOAD_SIDES
+            half = min(max(PAYLOAD_SIDE * load.mass ** (1.0 / 3.0), least), most)
             half = min(half, LARGEST_PAYLOAD * self._reach)
             box = half * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
             corners = self._pixels((box + load.position) @ turn + q[:2])

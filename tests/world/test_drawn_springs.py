@@ -15,7 +15,7 @@ from jansen_env.dynamics.spring_forces import spring_lengths
 from jansen_env.robot import Spring
 from jansen_env.robot.kinematics import coordinates, joint_positions
 from jansen_env.robot.robot_file import robot_to_json
-from jansen_env.viewer.web.geometry import scene_of_robot
+from jansen_env.viewer.web.geometry import STYLE, scene_of_robot
 from jansen_env.world.drawn_springs import MOST_SPRINGS, coil, drawn_springs, spiral
 
 SPRUNG = replace(ODD, springs=SPRINGS)
@@ -77,11 +77,11 @@ def test_the_page_draws_the_same_springs():
     script = """
         import { readFileSync } from "node:fs";
         import { coil, sceneOf, spiral } from "FOLDER/scene.js";
-        const { robots, ends, spirals } = JSON.parse(readFileSync(0, "utf8"));
+        const { robots, ends, spirals, style } = JSON.parse(readFileSync(0, "utf8"));
         console.log(JSON.stringify({
-          springs: robots.map((robot) => sceneOf(robot, 1, {}).springs ?? null),
-          coils: ends.map((each) => coil(...each)),
-          spirals: spirals.map((each) => spiral(...each)),
+          springs: robots.map((robot) => sceneOf(robot, 1, style).springs ?? null),
+          coils: ends.map((each) => coil(...each, style)),
+          spirals: spirals.map((each) => spiral(...each, style)),
         }));
     """
     ends = [[[1, 2], [4, 6], 0.5], [[0, 0], [0, 0], 1], [[3, -1], [-2, 5], 11]]
@@ -91,7 +91,7 @@ def test_the_page_draws_the_same_springs():
         [[0, 0], [-1, 2], [1, 1], 1],
     ]
     robots = [json.loads(json.dumps(robot_to_json(robot))) for robot in (Robot(), SPRUNG)]
-    told = in_node(script, robots=robots, ends=ends, spirals=spirals)
+    told = in_node(script, robots=robots, ends=ends, spirals=spirals, style=STYLE)
     expected = json.loads(json.dumps([spring._asdict() for spring in drawn_springs(SPRUNG)]))
     assert told["springs"] == [None, expected]
     for each, points in zip(ends, told["coils"], strict=True):

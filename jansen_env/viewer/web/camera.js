@@ -19,7 +19,8 @@ export function cameraFor(changed) {
     const [left, right] = [Math.min(...places), Math.max(...places)];
     const top = Math.max(...states.map((state) => state.y));
     const view = followingView(size, scene, { x: 0.5 * (left + right), y: top });
-    const room = (right - left + 2.3 * scene.reach) / (size.width / view.scale);
+    const room =
+      (right - left + scene.style.PICTURE_WIDTH * scene.reach) / (size.width / view.scale);
     if (room > 1) {
       view.y += ((room - 1) * size.height) / (2 * view.scale); // the ground stays below
       view.scale /= room;

@@ -4,17 +4,17 @@ Colours, widths and meaning are the same as in :mod:`jansen_env.world.rendering`
 """
 
 from jansen_env.robot import Robot
-from jansen_env.world import rendering
-from jansen_env.world.drawn_springs import drawn_springs
+from jansen_env.world import drawn_springs, rendering
 from jansen_env.world.rendering import reach_of
 
-STYLE = {
-    "arrowPerWeight": rendering.ARROW_PER_WEIGHT,
-    "arrowPerReach": rendering.ARROW_PER_REACH,
-    "longestArrow": rendering.LONGEST_ARROW,
-    "largestPayload": rendering.LARGEST_PAYLOAD,
+SIZES = {
+    rendering: "ARROW_PER_WEIGHT ARROW_PER_REACH LONGEST_ARROW COIL_WIDTH SPIRAL_RADIUS "
+    "PAYLOAD_SIDE PAYLOAD_SIDES LARGEST_PAYLOAD PICTURE_HEIGHT PICTURE_WIDTH AXIS_HEIGHT "
+    "DEPTH_BELOW NEARBY NEARBY_POINTS",
+    drawn_springs: "COILS LEAD TURNS SPIRAL_POINTS MOST_SPRINGS",
 }
-"""Sizes of the arrows and of the payload in a picture."""
+STYLE = {name: getattr(part, name) for part, names in SIZES.items() for name in names.split()}
+"""Sizes of what is drawn, by the names of the constants in :data:`SIZES`."""
 
 
 def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
@@ -43,7 +43,7 @@ def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
     linkage, load, payload = robot.linkage, robot.payload, None
     if load.mass > 0.0:
         payload = {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
-    springs = [spring._asdict() for spring in drawn_springs(robot)]
+    springs = [spring._asdict() for spring in drawn_springs.drawn_springs(robot)]
     return {
         "style": STYLE,
         "joints": linkage.joints,

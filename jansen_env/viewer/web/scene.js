@@ -1,13 +1,10 @@
 // Draws one state of a robot on a canvas: ground, legs, chassis, payload, toes and forces.
 //
 // What is drawn, and how, is as in jansen_env/world/rendering.py; positions come from Python
-// (geometry.py). Lengths in m, forces in N, sizes in CSS pixels.
+// (geometry.py), and so do the sizes in `style`. Lengths in m, forces in N, sizes in CSS pixels.
 // `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
 
 const NOMINAL_SCALE = 325; // pixels per reach at which line widths are as they are given
-const [COIL_WIDTH, SPIRAL_RADIUS] = [11, 11]; // pixels, of a linear and a torsion spring
-const [COILS, LEAD, TURNS, SPIRAL_POINTS] = [7, 0.14, 1, 48]; // as in drawn_springs.py
-const MOST_SPRINGS = 128; // in a picture
 const CROWDED = 46; // pixels between marks, at least
 export const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does, as in rendering.py
 
@@ -52,7 +49,7 @@ export const THEMES = {
  */
 export function sceneOf(robot, reach, style) {
   const { linkage, legs, pad_radius: padRadius, payload: load } = robot;
-  const springs = springsOf(robot);
+  const springs = springsOf(robot, style);
   const indicesOf = (letters) => [...letters].map((joint) => linkage.joints.indexOf(joint));
   const [x, y] = load.position;
   return {
@@ -69,7 +66,7 @@ export function sceneOf(robot, reach, style) {
 }
 
 /** Springs of all legs: `drawn_springs` of drawn_springs.py. */
-function springsOf({ linkage, legs, springs = [] }) {
+function springsOf({ linkage, legs, springs = [] }, style) {
   const indexOf = (joint) => linkage.joints.indexOf(joint);
   const members = new Map(linkage.bodies.map(([name, letters]) => [name, [...letters]]));
   const drawn = (spring, leg, side) => {
@@ -86,7 +83,7 @@ function springsOf({ linkage, legs, springs = [] }) {
   };
   return legs
     .flatMap(({ side }, leg) => springs.map((spring) => drawn(spring, leg, side)))
-    .slice(0, MOST_SPRINGS);
+    .slice(0, style.MOST_SPRINGS);
 }
 
 const texts = new Map(); // of colours that have been asked for, by their numbers
@@ -119,16 +116,21 @@ export function heightAt(terrain, x) {
 
 /** The view that follows a robot as the renderer's does; `zoom` 1 shows all of it. */
 export function followingView(size, scene, state, zoom = 1) {
-  const { reach, terrain } = scene;
-  const scale = Math.min(size.height / (1.66 * reach), size.width / (2.3 * reach));
-  let level = state.y - 0.85 * reach;
+  const { reach, terrain, style } = scene;
+  const { PICTURE_HEIGHT, PICTURE_WIDTH, NEARBY, NEARBY_POINTS: count } = style;
+  const scale = Math.min(
+    size.height / (PICTURE_HEIGHT * reach),
+    size.width / (PICTURE_WIDTH * reach),
+  );
+  let level = state.y - style.AXIS_HEIGHT * reach;
   if (terrain) {
     // The mean height nearby keeps the picture steady where the ground is rough.
-    level = 0;
-    for (let i = -7; i <= 7; i++) level += heightAt(terrain, state.x + 0.1 * i * reach) / 15;
+    const ways = Array.from({ length: count }, (_, i) => (2 * i) / (count - 1) - 1);
+    const heights = ways.map((way) => heightAt(terrain, state.x + NEARBY * reach * way));
+    level = heights.reduce((sum, height) => sum + height) / count;
     level = Math.min(Math.max(level, state.y - reach), state.y);
   }
-  const bottom = level - 0.24 * reach;
+  const bottom = level - style.DEPTH_BELOW * reach;
   return { x: state.x, y: bottom + (0.5 * size.height) / scale, scale: zoom * scale };
 }
 
@@ -299,8 +301,8 @@ function drawSprings({ ctx, theme, zoom, at, scene }, joints, leg, depth, { x, y
     }
     const points =
       places.length === 3
-        ? spiral(...places, SPIRAL_RADIUS * zoom)
-        : coil(...places, COIL_WIDTH * zoom);
+        ? spiral(...places, scene.style.SPIRAL_RADIUS * zoom, scene.style)
+        : coil(...places, scene.style.COIL_WIDTH * zoom, scene.style);
     ctx.strokeStyle = color;
     ctx.lineWidth = 2.2 * zoom;
     path(ctx, points);
@@ -310,7 +312,7 @@ function drawSprings({ ctx, theme, zoom, at, scene }, joints, leg, depth, { x, y
 }
 
 /** The zigzag line of a linear spring, in pixels. */
-export function coil([x0, y0], [x1, y1], width) {
+export function coil([x0, y0], [x1, y1], width, { COILS, LEAD }) {
   const [dx, dy] = [x1 - x0, y1 - y0];
   const length = Math.hypot(dx, dy);
   const [sx, sy] = length > 0 ? [-dy / length, dx / length] : [0, 1];
@@ -325,7 +327,7 @@ export function coil([x0, y0], [x1, y1], width) {
 }
 
 /** The spiral of a torsion spring, in pixels, from the first link to the second. */
-export function spiral([x, y], first, second, radius) {
+export function spiral([x, y], first, second, radius, { TURNS, SPIRAL_POINTS }) {
   const [begin, end] = [first, second].map(([u, v]) => Math.atan2(v - y, u - x));
   const turned = ((end - begin + 4 * Math.PI) % (2 * Math.PI)) + 2 * Math.PI * TURNS;
   const points = [];
@@ -342,8 +344,10 @@ function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
   const [frame, [axis]] = scene.bodies;
   const load = scene.payload;
   if (load) {
-    const usual = Math.min(Math.max(0.085 * Math.cbrt(load.mass), 0.06), 0.17); // m
-    const half = Math.min(usual, scene.style.largestPayload * scene.reach);
+    const { PAYLOAD_SIDE, PAYLOAD_SIDES, LARGEST_PAYLOAD } = scene.style;
+    const [least, most] = PAYLOAD_SIDES;
+    const usual = Math.min(Math.max(PAYLOAD_SIDE * Math.cbrt(load.mass), least), most);
+    const half = Math.min(usual, LARGEST_PAYLOAD * scene.reach);
     const [cos, sin] = [Math.cos(pitch), Math.sin(pitch)];
     const placed = (dx, dy) => {
       const [u, v] = [load.x + dx * half, load.y + dy * half];
@@ -395,10 +399,10 @@ function drawToe({ ctx, theme, zoom, scene, view }, center, contact) {
 
 function drawForce({ ctx, theme, zoom, scene, view }, [x, y], force) {
   const size = Math.hypot(...force);
-  const { arrowPerWeight, arrowPerReach, longestArrow } = scene.style;
-  const [least, most] = arrowPerReach.map((share) => share * scene.reach);
-  const perWeight = Math.min(Math.max(arrowPerWeight, least), most);
-  const length = Math.min(size / scene.weight, longestArrow) * perWeight * view.scale;
+  const { ARROW_PER_WEIGHT, ARROW_PER_REACH, LONGEST_ARROW } = scene.style;
+  const [least, most] = ARROW_PER_REACH.map((share) => share * scene.reach);
+  const perWeight = Math.min(Math.max(ARROW_PER_WEIGHT, least), most);
+  const length = Math.min(size / scene.weight, LONGEST_ARROW) * perWeight * view.scale;
   if (!(length >= 4)) return;
   const [ux, uy] = [force[0] / size, -force[1] / size];
   const head = Math.min(12 * zoom, 0.6 * length);

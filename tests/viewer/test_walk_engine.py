@@ -11,6 +11,7 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
+import browser
 import numpy as np
 import pytest
 
@@ -286,6 +287,33 @@ def test_a_page_lacks_what_no_kernel_observes(monkeypatch):
     assert after["observed"] == [*before["observed"], ""]
     assert after["observing"]["columns"] == before["observing"]["columns"]
     assert engine_data()["world"]["fully_compiled"]
+
+
+def test_a_seed_gives_the_start_of_an_environment():
+    """The page draws the random numbers of a reset in the order of Python."""
+    script = """
+        import { readFileSync } from "node:fs";
+        import { loadEngine } from "FOLDER/engine.js";
+        import { Walker } from "FOLDER/walker.js";
+        const { data, seeds } = JSON.parse(readFileSync(0, "utf8"));
+        const engine = await loadEngine(Buffer.from(data.engine, "base64"), data.layout);
+        const { robots, terrain } = data;
+        const walker = await Walker.create(engine, data, robots.paper, terrain.flat, "hand");
+        const starts = seeds.map((seed) => {
+          walker.start(seed, {}, 0.4);
+          const { states, robots } = walker.machine;
+          return [states.view[3], String(robots.field("seed").view[0])];
+        });
+        console.log(JSON.stringify(starts));
+    """
+    seeds = [0, 1, 7, 2**32 - 1]
+    env = JansenWalkerEnv()
+    for seed, (angle, stream) in zip(
+        seeds, browser.in_node(script, data=data(), seeds=seeds), strict=True
+    ):
+        env.reset(seed=seed, options={"speed_command": 0.4})
+        assert angle == env.task.world.plant.states[0][3], seed
+        assert int(stream) == env.task.world.seeds[0], seed
 
 
 @pytest.mark.slow

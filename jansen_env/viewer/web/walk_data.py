@@ -20,6 +20,7 @@ from jansen_env.tasks.walking import tuned, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.ground import STEEPEST
+from jansen_env.viewer import saved_walk
 from jansen_env.viewer.web.bench import design_of
 from jansen_env.viewer.web.engine_data import (
     Json,
@@ -106,6 +107,7 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
             for row in TABLE
             if row.slider is not None
         ],
+        "walkFormat": saved_walk.FORMAT,
         "mostSeed": MOST_SEED,
         "leastDistance": metrics.MIN_DISTANCE,
         "steepest": STEEPEST,

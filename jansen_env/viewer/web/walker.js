@@ -115,8 +115,8 @@ export class Walker {
   file(label) {
     const { seed, crankAngle: crank_angle, command, settings: changes, steps } = this.walk;
     const start = { seed, crank_angle, command, changes };
-    const { robot, ground } = this;
-    return { format: "jansen_env walk 1", label, robot, ground, start, steps };
+    const { data, robot, ground } = this;
+    return { format: data.walkFormat, label, robot, ground, start, steps };
   }
 
   /** Take a step of a torque, -1 to 1, where it is given by hand, else for a command, m/s. */

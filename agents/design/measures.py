@@ -43,9 +43,6 @@ OF_PATHS = "height", "width", "lift", "opening", "heave", "stance", "advance"
 PLANE = np.array([1.0, 1.0j])  # converts a point (x, y) to a complex number
 SAMPLES = 180  # number of crank angles per turn
 PATH_POINTS = 64  # number of points on the path of a toe
-# A toe counts as on the ground if it is at most this fraction of the standing height above the
-# lowest toe.
-NEAR = 0.01
 
 Part = tuple[int, int]
 """Indices of a leg and of a body in it."""
@@ -344,7 +341,7 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
         above.max(),
         min(map(_opening, toes.swapaxes(0, 1))),
         np.ptp(lowest),
-        (above <= NEAR * height).mean(),
+        (above <= kinematics.STANCE * height).mean(),
         abs(kinematics.advance_per_turn(robot, SAMPLES)),
     )
     return known | {"closure": closure, **dict(zip(OF_PATHS, map(float, paths), strict=True))}

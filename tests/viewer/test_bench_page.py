@@ -9,6 +9,7 @@ from browser import NAMELESS, PHONE, check_phone, reads
 
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import (
+    STANCE,
     advance_per_turn,
     joint_positions,
     nearest_dead_point,
@@ -21,7 +22,6 @@ from jansen_env.viewer.web.bench import design_of, write_bench
 
 STILL = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce"}
 SAMPLES = 720
-NEAR = 0.01  # of the standing height
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def numbers_of(robot):
         "heave": np.ptp(lowest),
         "lift": (heights.max(axis=1) - lowest).max(),
         "advance": advance_per_turn(robot),
-        "stance": (heights - lowest[:, None] <= NEAR * standing).mean(),
+        "stance": (heights - lowest[:, None] <= STANCE * standing).mean(),
     }
 
 

@@ -475,7 +475,10 @@ $("base").innerHTML = Object.keys(designs)
 $("numbers").innerHTML = NUMBERS.map(
   ([name]) => `<div><dt>${name}</dt><dd></dd><dd class="more"></dd><dd class="kept"></dd></div>`,
 ).join("");
-explain("dt");
+const nearGround = `${100 * data.layout.numbers.STANCE} % of the standing height`;
+explain("dt", {
+  stance: `Share of the turn in which a toe is on the ground, to ${nearGround}; green on its path.`,
+});
 
 /** Compile the engine, and show the design in the page's link. */
 async function begin() {

@@ -13,6 +13,7 @@ from jansen_env.engine import (
     contact_frames,
     crank_control,
     cutting,
+    ground_load,
     kernel,
     link_shapes,
     machines,
@@ -52,7 +53,8 @@ RECORDS = {
 NUMBERS = {
     reduction: "SAMPLES HARMONICS INTERVALS ORDER BEARING_SAMPLES BODY_SUMS PAD_FUNCTIONS",
     reduced: "TAIL_TOLERANCE WORK_ARRAYS",
-    kinematics: "TURN_SAMPLES",
+    ground_load: "UNSUPPORTED",
+    kinematics: "TURN_SAMPLES STANCE",
     zoo: "HEIGHT_SAMPLES",
     design_tables: "PITCHES",
     collision: "SPECULATIVE_MARGIN",

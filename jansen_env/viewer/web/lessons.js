@@ -2,9 +2,10 @@
 
 import { shown } from "./walker.js";
 
-const RECENT = 500; // steps: 10 s
+const RECENT = 10; // s
 
-const recent = ({ past }, value) => past.slice(-RECENT).map(({ info }) => value(info));
+const recent = ({ past, machine }, value) =>
+  past.slice(-Math.round(RECENT / machine.layout.period)).map(({ info }) => value(info));
 const mean = (values) => values.reduce((total, value) => total + value, 0) / values.length;
 
 /** What took energy in the last 10 s, as shares. */

@@ -9,7 +9,6 @@ import { resizer } from "./lengths.js";
 import { Leg, TURN, walkOf } from "./robot.js";
 
 export const SAMPLES = 720; // crank angles of a turn
-const NEAR = 0.01; // of the standing height: so far above the ground a toe is in stance
 const NUMBERS = ["standing", "heave", "lift", "advance", "stance"]; // as measure_level puts them
 
 /** Create the arrays of designs, given by name, in the engine's memory. */
@@ -184,7 +183,8 @@ export function measure(linkage) {
     const [angles, out] = [memory.array("f8", count, SAMPLES), memory.array("f8", NUMBERS.length)];
     memory.call("closure_put_legs", samples(memory), leg.legs, leg.closing, angles, places, out);
     const [heights, grounded] = [memory.array("f8", SAMPLES), memory.array("i8", toes, SAMPLES)];
-    memory.call("closure_measure_level", places, leg.toes, NEAR, heights, grounded, out);
+    const { STANCE } = memory.layout.numbers;
+    memory.call("closure_measure_level", places, leg.toes, STANCE, heights, grounded, out);
     const numbers = Object.fromEntries(NUMBERS.map((name, i) => [name, out.view[i]]));
     const dyad = memory.call("closure_nearest_dead_point", places.at(0), leg.dyads, out);
     const [sine, k] = out.view;

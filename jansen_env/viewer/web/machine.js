@@ -56,10 +56,10 @@ export class Machine {
   /** The robot's tables and its ground: `Designs` of engine/records.py. */
   makeDesigns() {
     const { memory, layout, toes, line, leg } = this;
-    const { INTERVALS, ORDER } = this.numbers;
+    const { INTERVALS, ORDER, BODY_SUMS, PAD_FUNCTIONS } = this.numbers;
     const { body, pads, bearings, springs, depths } = this.tables;
     const filled = (values, ...shape) => memory.filled("f8", values, ...shape);
-    this.pads = filled(pads, 1, leg.pads.shape[0], INTERVALS, ORDER, 3);
+    this.pads = filled(pads, 1, leg.pads.shape[0], INTERVALS, ORDER, PAD_FUNCTIONS);
     const [rows, sides] = padsOf(memory, leg);
     const padCount = rows.length;
     const sizeOf = ([base, perPad]) => base + perPad * padCount;
@@ -71,7 +71,7 @@ export class Machine {
     this.world.write({ ...layout.world, toes, capacity });
     this.designs = [
       this.world,
-      filled(body, 1, INTERVALS, ORDER, body.length / (INTERVALS * ORDER)),
+      filled(body, 1, INTERVALS, ORDER, BODY_SUMS),
       this.pads,
       this.padLayout,
       filled(bearings, 1, bearings.length),

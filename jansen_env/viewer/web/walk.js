@@ -542,7 +542,12 @@ const OPTIONS = {
   robot2: ["", ...robots],
   control2: ["", ...data.controllers],
 };
-const MEANINGS = Object.fromEntries(data.sliders.map(({ label, meaning }) => [label, meaning]));
+const fewPercent = `${100 * data.layout.numbers.UNSUPPORTED} %`;
+const MEANINGS = {
+  ...Object.fromEntries(data.sliders.map(({ label, meaning }) => [label, meaning])),
+  unsupported: `Share of the time in which the ground carries less than ${fewPercent} of the weight: the robot hops.`,
+  level: `Difficulty of the terrain, from 0 to ${OPTIONS.level.at(-1)}.`,
+};
 const LABELS = { robot2: "compare with", control2: "its control" };
 
 function element(tag, properties) {

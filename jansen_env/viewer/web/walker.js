@@ -7,7 +7,7 @@ import { TURN } from "./robot.js";
 
 export const HAND = "hand"; // of data.controllers: the torque is the user's
 export const APART = 25; // steps between two places to which time can go back
-const KEPT = 3000; // steps of the past: 60 s
+const KEPT = 60; // s of the past
 const PLOTTED = [
   ({ crank_torque }) => crank_torque, // N m
   ({ slip }, step) => slip.reduce((total, path) => total + path, 0) / step, // m/s, of all toes
@@ -146,7 +146,7 @@ export class Walker {
       place.snapshot = { state: machine.snapshot(), control, memory, sums, fallen };
     }
     this.past.push(place);
-    if (this.past.length > KEPT + APART) this.past.splice(0, APART);
+    if (this.past.length > KEPT / machine.layout.period + APART) this.past.splice(0, APART);
   }
 
   /** Go back to a step with a snapshot; what came after it is forgotten. */

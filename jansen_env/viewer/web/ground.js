@@ -5,15 +5,15 @@
 import { Random } from "./random_numbers.js";
 
 /**
- * Return the points [x, y] of a ground, in m. `name` is one of data.kinds, "mixed", or "flat", which
- * has no levels.
+ * Return the points [x, y] of a ground, in m. `name` is one of data.generators, or "flat", which has
+ * no levels. A name that is not one of data.kinds stands for a random kind.
  */
 export function groundOf({ work }, data, name, level, seed) {
   if (name === "flat") return data.flat;
   return work.scratch(() => {
     const rng = new Random(work, seed);
     const { kinds, mixture, reach } = data;
-    const kind = name === "mixed" ? mixture[Number(rng.integer(mixture.length))] : name;
+    const kind = kinds.includes(name) ? name : mixture[Number(rng.integer(mixture.length))];
     const number = kinds.indexOf(kind);
     const values = work.filled("f8", data.levels[kind][level]);
     const fixed = work.array("b1", values.length);

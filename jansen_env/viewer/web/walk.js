@@ -533,11 +533,11 @@ function say(text) {
 // The panel.
 
 const robots = Object.keys(data.robots);
-const { kinds, levels } = data.terrain;
+const { generators, kinds, levels } = data.terrain;
 const OPTIONS = {
   robot: robots,
   control: data.controllers,
-  terrain: [FLAT, ...kinds, "mixed"],
+  terrain: [FLAT, ...generators],
   level: levels[kinds[0]].map((_, level) => String(level)),
   robot2: ["", ...robots],
   control2: ["", ...data.controllers],

@@ -22,7 +22,7 @@ SCRIPTS = {
 SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs": "2"}
 """Arguments with which experiments with a command line of their own take seconds."""
 IN_MUJOCO = {"closed_loops", "mujoco_witness", "transfer"}
-TRAINING = {"serial_chain"}
+TRAINING = {"algorithms", "serial_chain"}
 UNPUBLISHED = {
     "climbing",
     "linkages",

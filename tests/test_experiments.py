@@ -26,7 +26,6 @@ TRAINING = {"algorithms", "serial_chain"}
 UNPUBLISHED = {
     "climbing",
     "linkages",
-    "mujoco_witness",
     "plants",
 }
 """Experiments whose pages still show older data."""

@@ -61,6 +61,15 @@ def test_experiment_with_its_own_command_line_runs(name: str, tmp_path: Path) ->
     assert {path.name for path in tmp_path.iterdir()} == published
 
 
+@pytest.mark.slow
+def test_figures_of_the_geometry_are_published(tmp_path: Path) -> None:
+    run("geometry_figures", "--out", tmp_path, folder=tmp_path)
+    drawn = [*tmp_path.rglob("*.png")]
+    assert len(drawn) == 9
+    for path in drawn:
+        assert (ROOT / "docs" / path.relative_to(tmp_path)).exists()
+
+
 @pytest.mark.parametrize("name", sorted(SCRIPTS - {*SIZES} - UNPUBLISHED))
 def test_pages_show_the_data(name: str) -> None:
     """Each page has all tables of the data, as they stand, and names the command."""

@@ -22,6 +22,7 @@ from jansen_env.robot import JANSEN, paper_robot
 from jansen_env.robot.kinematics import O, P, T, toe_positions, world_joints
 
 DPI = 130
+NARROW = 5.6  # in, width of figures with several panels, so that phones show readable text
 FLOOR = 1e-4  # slip per metre at which a walk without slip is drawn on a logarithmic axis, m
 LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"}
 LINK_COLORS = {
@@ -195,8 +196,8 @@ def _angle_axis(axes: Axes) -> None:
 def mechanism(_: Results) -> Figure:
     """Draw the mechanism at eight crank angles, with the right pair of legs in front."""
     robot = paper_robot()
-    figure = Figure(figsize=(11.0, 4.5), layout="constrained")
-    grid = figure.subplots(2, 4, sharex=True, sharey=True)
+    figure = Figure(figsize=(NARROW, 7.2), layout="constrained")
+    grid = figure.subplots(4, 2, sharex=True, sharey=True)
     path = toe_positions(robot, toes.turn(360))
     angles = ("0", "π/4", "π/2", "3π/4", "π", "5π/4", "3π/2", "7π/4")
     for k, (angle, axes) in enumerate(zip(angles, grid.flat, strict=True)):
@@ -219,69 +220,74 @@ def mechanism(_: Results) -> Figure:
                 axes.plot(*joints[i, T], "o", color=color, ms=5)
         axes.set(aspect="equal", xticks=(-0.5, 0.0, 0.5))
         axes.set_title(f"crank angle {angle}", fontsize=9.5, fontweight="normal")
-        axes.set(xlabel="x (m)" if k > 3 else "", ylabel="" if k % 4 else "y (m)")
+        axes.set(xlabel="x (m)" if k > 5 else "", ylabel="" if k % 2 else "y (m)")
     return figure
 
 
 def heave(r: Results) -> Figure:
     """Draw the heave by number of legs, and the reason why odd numbers of phases differ."""
-    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
-    left, *right = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
+    figure = Figure(figsize=(NARROW, 6.0), layout="constrained")
+    panels = figure.subplot_mosaic([["legs", "legs"], ["six", "eight"]], height_ratios=(1.0, 0.9))
+    left = panels["legs"]
     legs = np.array([h.legs for h in r.heaves])
     level = 1e3 * np.array([h.level for h in r.heaves])
     standing = 1e3 * np.array([h.standing for h in r.heaves])
     odd = (legs // 2) % 2 == 1
     left.semilogy(legs, level, color=MUTED, lw=1.0, zorder=1)
-    left.semilogy(legs[odd], level[odd], "o", color="#c2410c", label="level, odd number of phases")
-    left.semilogy(legs[~odd], level[~odd], "s", color="#1d4ed8", label="level, even")
-    left.semilogy(legs, standing, "x--", color=INK, lw=0.9, ms=5, label="standing on both sides")
+    left.semilogy(
+        legs[odd], level[odd], "o", color="#c2410c", label="chassis level, odd number of pins"
+    )
+    left.semilogy(
+        legs[~odd], level[~odd], "s", color="#1d4ed8", label="chassis level, even number of pins"
+    )
+    left.semilogy(legs, standing, "x--", color=INK, lw=0.9, ms=5, label="on a front and a rear toe")
     left.set(
         title="Heave by number of legs",
-        xlabel="legs",
-        ylabel="peak to peak (mm)",
+        xlabel="number of legs, two per crank pin",
+        ylabel="heave, peak to peak (mm)",
         xticks=legs[1::2],
     )
     left.legend(loc="upper right")
-    for axes, phases in zip(right, (3, 4), strict=True):
+    for axes, phases in ((panels["six"], 3), (panels["eight"], 4)):
         angle = toes.turn(720)
         fore, back = toes.lowest_toes(paper_robot(phases), angle)
-        axes.plot(angle, 1e3 * fore, color=LEG_COLORS["rf"], lw=1.3, label="lowest fore toe")
-        axes.plot(angle, 1e3 * back, color=LEG_COLORS["rb"], lw=1.3, label="lowest back toe")
+        axes.plot(angle, 1e3 * fore, color=LEG_COLORS["rf"], lw=1.3, label="lowest front toe")
+        axes.plot(angle, 1e3 * back, color=LEG_COLORS["rb"], lw=1.3, label="lowest rear toe")
         axes.plot(
             angle,
             1e3 * np.minimum(fore, back),
             color=INK,
             lw=2.4,
             alpha=0.75,
-            label="the one that carries",
+            label="lowest of all toes",
         )
-        kind = "interleaved" if phases % 2 else "in step"
-        axes.set(title=f"{2 * phases} legs: {kind}", ylim=(-622, -603))
+        kind = "alternate" if phases % 2 else "coincide"
+        axes.set(title=f"{2 * phases} legs: toes {kind}", ylim=(-622, -601))
         _angle_axis(axes)
-    right[0].set_ylabel("height (mm)")
-    right[0].legend(loc="upper center")
+    panels["six"].set_ylabel("height above the crank (mm)")
+    panels["six"].legend(loc="upper center")
     return figure
 
 
 def slip(r: Results) -> Figure:
     """Draw the speed at which two standing toes move apart, and the slip by friction and speed."""
-    figure = Figure(figsize=(11.5, 3.6), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
+    figure = Figure(figsize=(NARROW, 8.4), layout="constrained")
+    left, middle, right = figure.subplots(3)
     support = r.support
     left.axhline(0.0, color=INK, lw=0.8)
     left.plot(support.angle, support.slip, color=INK, lw=1.8)
     for zero in support.zeros():
         left.plot(zero, 0.0, "o", color="#c2410c", ms=5)
-    left.set(title="Standing toes part", ylabel="parting speed (m per rad of crank)")
+    left.set(
+        title="Speed at which two standing toes move apart", ylabel="speed (m per rad of the crank)"
+    )
     _angle_axis(left)
     slow = [r.slow[mu].slip for mu in FRICTIONS]
-    middle.axhline(
-        support.per_turn, color="#c2410c", ls="--", lw=1.2, label="both toes down: certain"
-    )
-    middle.axhline(0.5 * support.per_turn, color=MUTED, ls=":", lw=1.2, label="half of it")
+    middle.axhline(support.per_turn, color="#c2410c", ls="--", lw=1.2, label="always on two toes")
+    middle.axhline(0.5 * support.per_turn, color=MUTED, ls=":", lw=1.2, label="half of that")
     middle.plot(FRICTIONS, slow, "o-", color=INK, label=f"walk at {SLOW} rad/s")
     middle.set(
-        title="A slow walk's slip",
+        title="Slip of a slow walk",
         xlabel="coefficient of friction",
         ylabel="slip (m per turn)",
         ylim=(0.0, 0.85),
@@ -294,7 +300,7 @@ def slip(r: Results) -> Figure:
         if walk.fell:
             right.axvspan(walk.speed - 0.25, walk.speed + 0.25, color="#fecaca", lw=0)
     right.set(
-        title="Slip by crank speed, friction 0.8",
+        title="Slip by crank speed, friction coefficient 0.8",
         xlabel="crank speed (rad/s)",
         ylabel="slip (m per m walked)",
     )

@@ -159,7 +159,7 @@ def table(walks: list[dict[str, Any]], controller: str) -> str:
 def draw(walks: list[dict[str, Any]], path: Path) -> None:
     """Draw the metrics of the walks without backlash, and their means, against the play."""
     names = "speed", "slip", "pin_force_max", "crank_torque_max"
-    figure, axes = plt.subplots(2, 2, figsize=(8, 5.4), sharex=True, layout="constrained")
+    figure, axes = plt.subplots(2, 2, figsize=(6.0, 5.4), sharex=True, layout="constrained")
     for axis, name in zip(axes.flat, names, strict=True):
         for controller in CONTROLLERS:
             for command in COMMANDS:
@@ -181,8 +181,8 @@ def draw(walks: list[dict[str, Any]], path: Path) -> None:
     for axis in axes[1]:
         axis.set_xlabel("radial play of every pin (mm)")
     lines, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(lines, labels, loc="outside upper center", ncols=4)
-    figure.savefig(path, dpi=120)
+    figure.legend(lines, labels, loc="outside upper center", ncols=2)
+    figure.savefig(path, dpi=140)
 
 
 def main() -> None:

@@ -86,7 +86,7 @@ def measure(episodes: int) -> dict[str, dict[str, dict[str, list[float]]]]:
 
 def draw(results: dict[str, dict[str, dict[str, list[float]]]], path: Path) -> None:
     """Draw the metrics of the policies against the commanded speed."""
-    figure, axes = plt.subplots(2, 2, figsize=(8, 5.4), sharex=True, layout="constrained")
+    figure, axes = plt.subplots(2, 2, figsize=(6.0, 5.4), sharex=True, layout="constrained")
     for axis, metric in zip(axes.flat, METRICS, strict=True):
         for legs, values in results["policy"].items():
             axis.plot(COMMANDS, values[metric], "o-", label=f"{legs} legs")
@@ -96,7 +96,7 @@ def draw(results: dict[str, dict[str, dict[str, list[float]]]], path: Path) -> N
     for axis in axes[1]:
         axis.set_xlabel("commanded speed (m/s)")
     axes[0, 0].legend()
-    figure.savefig(path, dpi=120)
+    figure.savefig(path, dpi=140)
 
 
 def table(results: dict[str, dict[str, dict[str, list[float]]]], metric: str) -> str:

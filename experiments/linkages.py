@@ -222,7 +222,7 @@ def draw(results: dict[str, Any], path: Path) -> None:
         "pin": ("largest pin force (N)", 1.0),
         "joint_loss": ("work lost in joints (%)", 100.0),
     }
-    figure, axes = plt.subplots(2, 3, figsize=(12.0, 7.0), sharex=True, layout="constrained")
+    figure, axes = plt.subplots(3, 2, figsize=(6.4, 8.0), sharex=True, layout="constrained")
     for axis, (key, (title, size)) in zip(axes.flat, panels.items(), strict=True):
         for i, (name, by_controller) in enumerate(results["scores"].items()):
             for label, cells in zip((LINKAGES[name], None), by_controller.values(), strict=True):
@@ -231,14 +231,15 @@ def draw(results: dict[str, Any], path: Path) -> None:
                 values = [size * cell[key] for cell in walked]
                 style = "o-" if label else ":"
                 axis.plot(speeds, values, style, color=f"C{i}", ms=3.5, lw=1.3, label=label)
-        axis.set(title=title, yscale="log" if key in {"cost", "slip", "pin"} else "linear")
+        axis.set_title(title, fontsize=10)
+        axis.set(yscale="log" if key in {"cost", "slip", "pin"} else "linear")
         if axis.get_yscale() == "log":
             axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.yaxis.set_major_formatter("{x:g}")
             axis.yaxis.set_minor_formatter("")
-    figure.supxlabel("commanded speed (m/s)")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    figure.savefig(path, dpi=110)
+    figure.supxlabel("commanded speed (m/s)", fontsize=10)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    figure.savefig(path, dpi=140)
 
 
 def main() -> None:

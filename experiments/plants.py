@@ -95,12 +95,16 @@ class Walk:
 
 
 PAPER = [
-    *(Walk("paper", v, mu) for v, mu in product((1.0, 3.0, 5.0, 4.0, 2.0, 6.0), (0.3, 0.8))),
+    *(Walk("paper", v, mu) for mu, v in product((0.1, 0.3, 0.8), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))),
+    *(Walk("paper", v, 0.6) for v in (0.5, 8.0)),
     *(Walk("paper", 4.0, slope=slope) for slope in (-0.05, 0.05)),
     *(Walk("paper", 4.0, payload=payload) for payload in (1.0, 5.0)),
 ]
 MACHINE_WALKS = [Walk(name, speed) for speed, name in product((2.0, 4.0), MACHINES)]
-LINKAGE_WALKS = [Walk(name, v, mu) for mu, v, name in product((0.2, 0.8), (2.0, 4.0), ZOO)]
+LINKAGE_WALKS = [
+    *(Walk("klann", v, mu) for mu, v in product((0.2, 0.5, 0.8), (2.0, 4.0, 5.0))),
+    *(Walk(name, v, mu) for name, mu, v in product([*ZOO][1:], (0.2, 0.8), (2.0, 4.0))),
+]
 WALKS = [
     case
     for together in zip_longest(PAPER, MACHINE_WALKS, LINKAGE_WALKS)

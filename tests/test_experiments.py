@@ -26,7 +26,6 @@ TRAINING = {"algorithms", "serial_chain"}
 UNPUBLISHED = {
     "climbing",
     "linkages",
-    "plants",
 }
 """Experiments whose pages still show older data."""
 

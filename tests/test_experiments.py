@@ -24,7 +24,6 @@ SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs
 IN_MUJOCO = {"closed_loops", "mujoco_witness", "transfer"}
 TRAINING = {"algorithms", "serial_chain"}
 UNPUBLISHED = {
-    "climbing",
     "linkages",
 }
 """Experiments whose pages still show older data."""

@@ -182,7 +182,8 @@ class Linkage:
         for k, pin in enumerate(self.pins):
             for body in pin[1:]:
                 if not 1 <= body <= len(self.bodies) or pin.joint not in self.bodies[body - 1][1]:
-                    raise invalid(f"Linkage.pins[{k}]", pin, "a pin of two bodies with its joint")
+                    allowed = "a pin at a joint that both of its bodies have"
+                    raise invalid(f"Linkage.pins[{k}]", tuple(pin), allowed)
 
     def _check_rules(self) -> None:
         """Check the rules that :mod:`jansen_env.engine.topology` defines."""

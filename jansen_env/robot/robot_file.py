@@ -128,7 +128,7 @@ def read_robot(path: str | Path) -> Robot:
         ValueError: If the file cannot be read, or does not contain a valid robot. The message names
             the file.
     """
-    with named_errors(f"{path} is no robot file", RecursionError):
+    with named_errors(f"{path} is not a robot file", RecursionError):
         return robot_from_json(json.loads(read_bounded(path, MAX_BYTES)))
 
 

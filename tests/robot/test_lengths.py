@@ -77,7 +77,7 @@ def test_a_longer_rod_is_heavier_in_its_own_material():
         ),
         ({"rocker": 240}, r"lengths\['rocker'\] of 240 m: rocker would .* lengths are in metres"),
         ({"frame_angle": 11.6}, r"lengths\['frame_angle'\] .* 11.6 degrees are 0.2025 rad"),
-        ({"foot_CE": 5.0}, "lengths of foot: .* form no triangle"),
+        ({"foot_CE": 5.0}, "lengths of foot: .* must form a triangle"),
     ],
 )
 def test_impossible_lengths_are_refused(changed, message):
@@ -118,7 +118,7 @@ def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("[1", "is no robot file"),
+        ("[1", "is not a robot file"),
         ("[1]", r"a robot file must be of format 'jansen_env.*, got \[1\]"),
         (
             '{"format": "jansen_env robot 1"}',
@@ -135,7 +135,7 @@ def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
         ('{"format": "jansen_env robot 1", "is": "Robot", "frame_angle": NaN}', "frame_angle"),
         ('{"format": "jansen_env robot 1", "is": "Robot", "payload": {"is": "os"}}', "'os'"),
         ('{"format": "jansen_env robot 1", "is": "Robot", "legs": [{"is": "Leg"}]}', "side"),
-        ("[" * 100_000, "is no robot file"),
+        ("[" * 100_000, "is not a robot file"),
     ],
 )
 def test_a_file_that_is_no_robot_is_refused(text, message, tmp_path):
@@ -147,12 +147,24 @@ def test_a_file_that_is_no_robot_is_refused(text, message, tmp_path):
     assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
+def test_a_file_with_a_pin_at_a_joint_that_its_body_lacks_is_refused(tmp_path):
+    """The error names the file, the pin and its joint."""
+    content = robot_to_json(Robot())
+    pins = content["linkage"]["pins"]
+    pins[3] = ["T", *pins[3][1:]]
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"Linkage\.pins\[3\] .* got \('T', 4, 1\)") as error:
+        read_robot(path)
+    assert str(path) in str(error.value)
+
+
 def test_a_missing_and_a_huge_file_are_refused(tmp_path):
     """They are refused before they are parsed."""
     with pytest.raises(ValueError, match=r"cannot be read: No such file"):
         read_robot(tmp_path / "none.json")
     (tmp_path / "huge.json").write_bytes(b" " * 2**21)
-    with pytest.raises(ValueError, match="is larger than 1048576 bytes"):
+    with pytest.raises(ValueError, match="must have at most 1048576 bytes"):
         read_robot(tmp_path / "huge.json")
     with pytest.raises(ValueError, match="must be of format"):
         robot_from_json(robot_to_json(Robot())["bodies"])

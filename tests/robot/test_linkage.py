@@ -80,6 +80,14 @@ def upside_down(**given):
         ),
         (lambda: replace(JANSEN, pins=JANSEN.pins[1:]), "must hold all bodies together at each"),
         (
+            lambda: replace(JANSEN, pins=(*JANSEN.pins[:-1], ("E", 8, 6))),
+            r"pins\[9\] must be a pin at a joint that both .* have, got \('E', 8, 6\)",
+        ),
+        (
+            lambda: replace(JANSEN, pins=(*JANSEN.pins[:-1], ("E", 8, 9))),
+            r"pins\[9\] must be a pin at a joint that both .* have, got \('E', 8, 9\)",
+        ),
+        (
             lambda: replace(JANSEN, damped=((1, 1),)),
             r"damped\[0\] must be two different bodies.*got \(1, 1\)",
         ),

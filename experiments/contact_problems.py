@@ -2,8 +2,8 @@
 
 A robot with one or two legs and a locked crank is a rigid body with round feet. The disc, the ball,
 Painleve's rod and the rocking block are such robots. They test the contact law that every walking
-robot uses. The woodpecker toy slides on a pole and has no crank, so it is no robot. Its equations
-are written out here, and the solver of the contact law computes its impulses.
+robot uses. The woodpecker toy slides on a pole and has no crank, so it is not a robot. Its
+equations are written out here, and the solver of the contact law computes its impulses.
 """
 
 from __future__ import annotations

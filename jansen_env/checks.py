@@ -125,8 +125,8 @@ def positive_single(name: str, value: object) -> float:
     """
     number = positive(name, value)
     if not LEAST_SINGLE <= number <= MOST_SINGLE:
-        limits = f"{LEAST_SINGLE:.2g} to {MOST_SINGLE:.2g}"
-        raise invalid(name, value, f"of {limits}, the range of float32")
+        limits = f"between {LEAST_SINGLE:.2g} and {MOST_SINGLE:.2g}"
+        raise invalid(name, value, f"{limits}, the range of float32")
     return number
 
 
@@ -215,7 +215,7 @@ def robot_indices(indices: object, count: int) -> list[int]:
     allowed = f"None, a whole number from 0 to {count - 1}, or a list of some"
     checked = [robot_index(index, count) for index in entries("robot indices", indices, allowed)]
     if len({*checked}) < len(checked):
-        raise invalid("robot indices", indices, "different ones")
+        raise invalid("robot indices", indices, "distinct")
     return checked
 
 

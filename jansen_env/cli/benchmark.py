@@ -85,9 +85,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     if not (args.files or args.policy or args.reproduce):
         parser.error("give --policy to run a policy, or result files to compare")
     if args.reproduce and (args.files or args.out or args.policy):
-        parser.error("--reproduce goes without result files, --policy and --out")
+        parser.error("--reproduce cannot be combined with result files, --policy or --out")
     if args.policy and not args.out:
-        parser.error("--policy needs --out, the result file to write")
+        parser.error("--policy must come with --out, the result file to write")
     return args
 
 
@@ -177,7 +177,7 @@ def run_tracks(
     refused: dict[str, str] = {}
     for track in chosen or named:
         if track not in named:
-            raise ValueError(f"the track {track!r} has no --policy")
+            raise ValueError(f"--policy must name a policy for every track, got none for {track!r}")
         try:
             loaded[track] = load_for_track(named[track], TRACKS[track])
             check_text("the name of the policy", label(loaded[track][0]))
@@ -208,8 +208,8 @@ def _reproduce(published: Result, chosen: Sequence[str] | None) -> None:
     A file may come from anyone, so only policies of the package are run.
 
     Raises:
-        SystemExit: With status 1 if an episode differs that must not.
-        ValueError: If a policy does not come with the package, or is another one.
+        SystemExit: With status 1 if the scores of an episode differ that must be the same.
+        ValueError: If a policy does not come with the package, or has changed since the result.
     """
     names = {name: track.policy for name, track in published.tracks.items()}
     for track, name in names.items():
@@ -217,11 +217,15 @@ def _reproduce(published: Result, chosen: Sequence[str] | None) -> None:
         known = [*FLOORS, *find_benchmark(env_id).baselines]
         if name not in known and name.partition(":")[0] != PRETRAINED:
             raise ValueError(
-                f"--reproduce runs policies of the package only, got {name!r}; run that one with "
-                "--policy"
+                f"--reproduce must get results of policies of the package, got {name!r}; run this "
+                "policy with --policy"
             )
-        if policy_sha256(name, env_id) != published.tracks[track].sha256:
-            raise ValueError(f"the policy {name!r} of this version has another SHA-256")
+        needed = published.tracks[track].sha256
+        if (found := policy_sha256(name, env_id)) != needed:
+            raise ValueError(
+                f"the policy {name!r} must have the SHA-256 {needed}, got {found} in this version "
+                "of the package"
+            )
     found = run_tracks(names, chosen or [*names])
     failed = False
     for track, result in found.items():

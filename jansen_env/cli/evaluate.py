@@ -111,14 +111,14 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     )
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
-        parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
+        parser.error(f"--plant must not be given for {args.env}, which has only one plant")
     if args.levels and args.robustness:
-        parser.error("--levels goes without --robustness")
+        parser.error("--levels cannot be combined with --robustness")
     args.sweep = "levels" if args.levels else "robustness" if args.robustness else None
     if args.sweep and args.env not in WALKERS:
-        parser.error(f"--{args.sweep} needs one of {WALKERS}, but --env is {args.env}")
+        parser.error(f"--env must be one of {WALKERS} with --{args.sweep}, got {args.env}")
     if args.sweep and (args.commands or args.random_commands):
-        parser.error(f"--{args.sweep} goes without --commands and --random-commands")
+        parser.error(f"--{args.sweep} cannot be combined with --commands or --random-commands")
     args.commands = args.commands or list(find_benchmark(args.env).commands)
     return args
 

@@ -106,7 +106,7 @@ def mapping(text: str) -> dict[str, Any]:
         raise argparse.ArgumentTypeError(str(error)) from error
     if not isinstance(value, dict):
         raise argparse.ArgumentTypeError(
-            f"{text!r} must be a YAML mapping such as '{{friction: 0.5}}'"
+            f"must be a YAML mapping such as '{{friction: 0.5}}', got {text!r}"
         )
     return value
 

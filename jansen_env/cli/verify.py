@@ -2,7 +2,7 @@
 
 import argparse
 
-from jansen_env.checks import listed
+from jansen_env.checks import invalid, listed
 from jansen_env.cli.flags import Parser
 from jansen_env.cli.progress import progress
 from jansen_env.scoring.walk_hashes import ROBOTS, STEPS, WALKS, published_hashes, walk_hashes
@@ -29,7 +29,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     args = parser.parse_args(arguments)
     for name in args.walk or ():
         if name not in WALKS:
-            parser.error(f"--walk must be one of {listed(WALKS, name)}")
+            parser.error(str(invalid("--walk", name, f"one of {listed(WALKS, name)}")))
     return args
 
 

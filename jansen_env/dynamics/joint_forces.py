@@ -135,7 +135,7 @@ class JointForces:
             ValueError: If these are the forces at a single instant.
         """
         if self.shaft.ndim < 2:
-            raise ValueError("JointForces.at: these are the forces of a single instant")
+            raise ValueError("JointForces.at needs forces at several instants, got a single one")
         arrays = {name: value[index] for name, value in vars(self).items() if name != "robot"}
         return JointForces(robot=self.robot, **arrays)
 

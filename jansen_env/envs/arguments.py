@@ -45,7 +45,7 @@ def make_settings(env: object, single: Any, arguments: Values, num_envs: int | N
     known = {*settings.defaults(), *(OF_BATCHES if num_envs is not None else ())}
     if unknown := sorted(map(str, {*arguments} - known)):
         wrong = f"{type(env).__name__} got an unexpected keyword argument {unknown[0]!r}"
-        raise TypeError(f"{wrong}; known are {checks.listed(sorted(known), unknown[0])}")
+        raise TypeError(f"{wrong}; valid names are {checks.listed(sorted(known), unknown[0])}")
     values = {**single.PRESET, **arguments}
     given = frozenset(arguments)
     return settings(**values, num_envs=num_envs, preset=single.PRESET, given=given)
@@ -219,7 +219,8 @@ def complete_state(state: Values, example: Values) -> None:
         np.random.PCG64(0).state = state["generator"]
     except Exception as error:  # NumPy raises errors of many types
         given = state["generator"]
-        raise checks.invalid("state['generator']", given, "from get_state()") from error
+        allowed = "the state of a generator from get_state()"
+        raise checks.invalid("state['generator']", given, allowed) from error
 
 
 class Renderers(dict[int, Renderer]):

@@ -51,7 +51,7 @@ def read_bounded(path: str | Path, most: int) -> bytes:
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from error
     if len(data) > most:
-        raise ValueError(f"{path} is larger than {most} bytes, the most allowed")
+        raise ValueError(f"{path} must have at most {most} bytes, got more")
     return data
 
 

@@ -43,7 +43,7 @@ class _Loader(yaml.SafeLoader):
         keys = [key.value for key, _ in node.value]
         for i, (key, _) in enumerate(node.value):
             if not isinstance(key.value, str) or key.value in keys[:i]:
-                problem = f"key {key.value!r} is no text or stands twice"
+                problem = f"a key must be a text that occurs only once, got {key.value!r}"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
         return super().construct_mapping(node, deep)
 
@@ -84,7 +84,9 @@ def read_yaml(path: str | Path) -> Any:
     try:
         return parse_yaml(read_bounded(path, MAX_BYTES).decode("utf-8-sig"), str(path))
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no UTF-8 text: {error.reason} at {error.start}") from error
+        raise ValueError(
+            f"{path} must be encoded as UTF-8, got {error.reason} at byte {error.start}"
+        ) from error
 
 
 class Rule(NamedTuple):

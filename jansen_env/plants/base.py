@@ -123,7 +123,7 @@ def check_legs(robot: Robot, other: Robot) -> None:
     if robot.linkage != other.linkage:
         names = robot.linkage.names
         allowed = other.linkage.names
-        raise ValueError(f"a robot's linkage must be that with the bodies {allowed}, got {names}")
+        raise ValueError(f"a robot must have the linkage with the bodies {allowed}, got {names}")
     sides = [leg.side for leg in robot.legs]
     others = [leg.side for leg in other.legs]
     if sides != others:

@@ -31,7 +31,7 @@ def trace_forces(
         ValueError: If the trace has no rows.
     """
     if len(trace) == 0:
-        raise ValueError("the trace has no rows, set the plant's tracing before its step()")
+        raise ValueError("a trace must have rows, got none; set tracing to True before the step")
     pose = trace["pose"]
     before = trace["velocity_before"]
     after = trace["velocity_after"]

@@ -222,8 +222,10 @@ class PretrainedPolicy:
         self.description = description
         self.tensors = tensors
         for name, tensor in tensors.items():
-            if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
-                raise ValueError(f"tensor {name!r} must be of finite float32 numbers")
+            if tensor.dtype != np.float32:
+                raise ValueError(f"tensor {name!r} must have the type float32, got {tensor.dtype}")
+            if (wrong := tensor[~np.isfinite(tensor)]).size:
+                raise ValueError(f"tensor {name!r} must contain finite numbers, got {wrong[0]}")
         env = _entry(description, "env", dict)
         action = _entry(description, "action", dict)
         network = _entry(description, "network", dict)
@@ -269,7 +271,10 @@ class PretrainedPolicy:
             return Plain(size)
         if kind == "harmonics":
             if self.observed[:2] != CRANK_ANGLE:
-                raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
+                raise ValueError(
+                    f"the first observations must be {list(CRANK_ANGLE)} for features of the kind "
+                    f"'harmonics', got {shown(self.observed[:2])}"
+                )
             multiples = _entry(block, "multiples", list)
             return Harmonics(tuple(whole_number("a multiple", m, 1000) for m in multiples))
         mean = self._tensor(block, "mean", (size,))
@@ -285,7 +290,7 @@ class PretrainedPolicy:
         """Return the tensor that ``part[key]`` names, after checking its shape."""
         name = _entry(part, key, str)
         if name not in self.tensors:
-            raise ValueError(f"there is no tensor {shown(name)}")
+            raise invalid(key, name, f"one of the tensors {shown(sorted(self.tensors))}")
         if (given := self.tensors[name].shape) != shape:
             raise ValueError(f"tensor {name!r} must have the shape {shape}, got {given}")
         return self.tensors[name].astype(np.float64)
@@ -310,8 +315,8 @@ class PretrainedPolicy:
             )
         if more := [n for n in names if n.startswith("toe_load_") and n not in self.observed]:
             raise ValueError(
-                f"this environment shows {more[0]}, which the policy of {self.env_id} does not "
-                "observe: it has learnt on a robot with fewer toes"
+                f"the policy of {self.env_id} must observe all toe loads of this environment, got "
+                f"a policy without {more[0]}, which was trained on a robot with fewer toes"
             )
         policy = copy(self)
         policy._columns = [names.index(name) for name in self.observed]
@@ -484,15 +489,17 @@ def load_file(path: str | Path) -> PretrainedPolicy:
         try:
             tensors = read_tensors(content)
         except Exception as error:  # SafetensorError, or an error of NumPy about an unknown type
-            raise ValueError(f"{weights} is no file of tensors: {error}") from error
+            raise ValueError(f"{weights} must be a file of tensors: {error}") from error
         policy = PretrainedPolicy(description, tensors)
-        if description.get("sha256") != checksum(content):
+        found = checksum(content)
+        if (given := description.get("sha256")) != found:
             raise ValueError(
-                f"sha256 must be that of {weights.name}; the two files belong to different policies"
+                f"sha256 must be that of {weights.name}, {found}, got {shown(given)}; the two "
+                "files belong to different policies"
             )
     except (OSError, RecursionError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path} is no policy: {reason}") from error
+        raise ValueError(f"{path} must contain a policy: {reason}") from error
     return policy
 
 

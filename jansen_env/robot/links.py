@@ -223,7 +223,7 @@ class Triangle(RigidLink):
         b = checks.positive("Triangle.from_sides: second_third", second_third)
         c = checks.positive("Triangle.from_sides: third_first", third_first)
         if not is_triangle(a, b, c):
-            raise ValueError(f"Triangle.from_sides: sides {a}, {b}, {c} m form no triangle")
+            raise ValueError(f"Triangle.from_sides: sides must form a triangle, got {a, b, c} m")
         d, l, h, alpha, gamma = triangle_of_sides(a, b, c)  # noqa: E741
         return cls(d, l, h, alpha, gamma, mass, inertia, outward)
 

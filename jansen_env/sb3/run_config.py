@@ -173,7 +173,10 @@ def make_config(entries: Any, **values: str | None) -> RunConfig:
     for name in entries.keys() - KEYS.keys():
         for part, table in known.items():
             if name in table or (part, name) == ("policy_kwargs", "net_arch"):
-                raise ValueError(f"{name!r} must be within {part}: {{{name}: ...}}")
+                raise ValueError(
+                    f"{name!r} must be a key of {part}, as in {part}: {{{name}: ...}}, got it "
+                    "among the keys of the file"
+                )
     check_keys("", entries, KEYS)
     return RunConfig(**entries)
 
@@ -268,7 +271,8 @@ def find_config(model: str | Path) -> Path:
         if (place / "config.yml").is_file():
             return place / "config.yml"
     raise ValueError(
-        f"no config.yml beside {model}. Write what the model was trained by and on into "
-        f"{folder / 'config.yml'}:\n\n    algo: ppo\n    env: JansenWalkerBuilt-v0\n"
-        "    policy: MlpPolicy\n\nand policy_kwargs, if any, such as {net_arch: [128, 128]}"
+        f"there is no config.yml beside {model}; write {folder / 'config.yml'} with the algorithm, "
+        "the environment and the kind of policy with which the model was trained:\n\n"
+        "    algo: ppo\n    env: JansenWalkerBuilt-v0\n    policy: MlpPolicy\n\n"
+        "and add the policy_kwargs of the training, if any, such as {net_arch: [128, 128]}"
     )

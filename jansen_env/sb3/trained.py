@@ -76,9 +76,9 @@ def read_model(path: str | Path) -> SavedModel:
             notes = json.loads(archive.read(NOTES)) if NOTES in archive.namelist() else {}
             return SavedModel({**parameters}, {**(variables or {})}, steps, {**notes})
     except pickle.UnpicklingError:  # its message advises to load the file without this protection
-        raise ValueError(f"{path} is no Stable-Baselines3 model: it holds no tensors") from None
+        raise ValueError(f"{path} is not a Stable-Baselines3 model: it has no tensors") from None
     except Exception as error:  # a damaged file can make the parsers raise nearly any exception
-        raise ValueError(f"{path} is no Stable-Baselines3 model: {one_line(error)}") from error
+        raise ValueError(f"{path} is not a Stable-Baselines3 model: {one_line(error)}") from error
 
 
 def load_policy(path: str | Path) -> BasePolicy:
@@ -100,7 +100,7 @@ def load_policy(path: str | Path) -> BasePolicy:
     if path.is_dir():
         path = path / "best_model.zip"
     if not path.is_file():
-        raise ValueError(f"no model at {path}")
+        raise ValueError(f"{path} must be the file of a model, got no such file")
     source = find_config(path)
     config = load_config(source)
     make: Any = ALGORITHMS[config.algo].policy_aliases[config.policy]
@@ -123,7 +123,7 @@ def load_policy(path: str | Path) -> BasePolicy:
         check_shapes(policy.state_dict(), weights)
         policy.load_state_dict(weights)
     if not all(tensor.isfinite().all() for tensor in policy.state_dict().values()):
-        raise ValueError(f"{path} has weights that are not finite")
+        raise ValueError(f"the weights in {path} must be finite, got NaN or infinity")
     return policy
 
 
@@ -141,17 +141,18 @@ def check_shapes(needed: Arguments, found: Arguments) -> None:
     absent = sorted(needed.keys() - found.keys())
     more = sorted(found.keys() - needed.keys())
     if absent or more:
-        parts = [f"it lacks {len(absent)} tensors, such as {absent[0]}"] if absent else []
-        parts += [f"it has {len(more)} others, such as {more[0]}"] if more else []
+        parts = [f"one without {len(absent)} of these, such as {absent[0]}"] if absent else []
+        parts += [f"one with {len(more)} other tensors, such as {more[0]}"] if more else []
         raise ValueError(
-            f"{'; '.join(parts)}. algo, policy and policy_kwargs must be those used in training"
+            f"the model must have the {len(needed)} tensors of its configuration, got "
+            f"{' and '.join(parts)}; algo, policy and policy_kwargs must be those of the training"
         )
     for name, tensor in needed.items():
         if tuple(found[name].shape) != tuple(tensor.shape):
             raise ValueError(
                 f"{name} must have the shape {tuple(tensor.shape)}, got "
-                f"{tuple(found[name].shape)}. policy_kwargs.net_arch and env must be those of the "
-                f"training; the file has hidden layers of {_hidden_units(found)} units"
+                f"{tuple(found[name].shape)}; policy_kwargs.net_arch and env must be those of the "
+                f"training, in which the hidden layers had {_hidden_units(found)} units"
             )
 
 

@@ -51,7 +51,7 @@ def make_vec_env(
     that function, the environments are monitored: at the last step of an episode, the information
     contains its return, length and time under ``"episode"``, from which Stable-Baselines3 logs
     ``ep_rew_mean``. Environments that are simulated together have one ``VecMonitor``, whose
-    ``unwrapped`` is a ``BatchVecEnv``. Other environments have a ``Monitor`` each, inside of
+    ``unwrapped`` is a ``BatchVecEnv``. Other environments have a ``Monitor`` each, inside
     ``wrapper_class``.
 
     Args:

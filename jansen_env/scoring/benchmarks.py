@@ -105,6 +105,6 @@ def check_env_kwargs(env_id: str, env_kwargs: Values) -> None:
     for name in env_kwargs:
         if name not in allowed:
             known = listed(sorted(allowed), name)
-            raise invalid(f"an argument of {env_id}", name, f"in {known}")
+            raise invalid(f"an argument of {env_id}", name, f"one of {known}")
     if "max_episode_steps" in env_kwargs:  # -1 (no limit) would allow an episode without an end
         positive_integer("max_episode_steps", env_kwargs["max_episode_steps"])

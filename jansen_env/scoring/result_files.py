@@ -86,9 +86,9 @@ def rounded(columns: Columns) -> Columns:
         ValueError: If a score is not a finite number.
     """
     for name, values in columns.items():
-        if not np.isfinite(values).all():
-            (episode,) = np.nonzero(~np.isfinite(values))[:1]
-            raise ValueError(f"{name} of episode {episode[0]} must be finite")
+        for episode, value in enumerate(values):
+            if not np.isfinite(value):
+                raise ValueError(f"{name} of episode {episode} must be finite, got {value}")
     return {
         name: np.array([float(f"{value:.{DIGITS}g}") for value in values])
         for name, values in columns.items()
@@ -166,7 +166,7 @@ def read_result(path: str | Path) -> Result:
             the file and the entry.
     """
     data = read_bounded(path, MAX_BYTES)
-    with named_errors(f"{path} is no result file", RecursionError):
+    with named_errors(f"{path} is not a result file", RecursionError):
         return _checked(json.loads(data, parse_constant=_no_constant))
 
 
@@ -247,7 +247,8 @@ def check_text(name: str, value: object) -> str:
         value: The text.
 
     Raises:
-        ValueError: If it is no text, too long, or contains other characters than :data:`TEXT`.
+        ValueError: If it is not a text, is too long, or contains characters other than
+            :data:`TEXT`.
     """
     return _matching(name, value, TEXT)
 

@@ -97,11 +97,12 @@ class NamedGenerator:
         for key, value in self.given:
             if not known:
                 raise ValueError(
-                    f"{self.name!r} has no parameters, got {key!r}; set those of one kind, "
-                    "such as 'stairs:rise=0.12'"
+                    f"{self.name!r} must have no parameters, got {key!r}; choose a single kind to "
+                    "set its parameters, such as 'stairs:rise=0.12'"
                 )
             if key not in known:
-                raise ValueError(f"a parameter of {self.name!r} must be in {known}, got {key!r}")
+                allowed = f"one of {known}"
+                raise checks.invalid(f"a parameter of {self.name!r}", key, allowed)
             checks.finite(f"{key} of {self.name!r}", value)
         object.__setattr__(self, "given", tuple((key, float(v)) for key, v in self.given))
         for level in (0, HIGHEST):  # otherwise a reset could fail later

@@ -174,8 +174,8 @@ class Terrain:
         if (np.abs(step[:, 1]) > STEEPEST * step[:, 0]).any():
             steepest = float(np.abs(np.arctan2(step[:, 1], step[:, 0])).max())
             raise ValueError(
-                f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
-                f"{MAX_SLOPE:.3f}"
+                f"slopes of Terrain.points must be at most {MAX_SLOPE:.3f} rad, got one of "
+                f"{steepest:.3f} rad"
             )
         checks.set_checked(self, checks.non_negative, "friction")
         checks.set_checked(self, functools.partial(checks.within, low=0.0, high=1.0), "restitution")

@@ -58,7 +58,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             raise ValueError(f"env must be an environment of one Jansen robot, got {shown(env)}")
         for name in ("observation_space", "action_space"):
             if not getattr(env, name).is_np_flattenable:
-                raise ValueError(f"env.{name} must be of arrays, got {getattr(env, name)}")
+                raise ValueError(f"env.{name} must contain arrays, got {getattr(env, name)}")
         self.inner: SingleEnv[Task] = inner
         if not inner.task.world.fixed_chassis and isinstance(inner.task.world.terrain(0), Shapes):
             raise ValueError(
@@ -114,7 +114,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         if not goes_on or _shape_of(self.inner.robot) != self._shape:
             self._begin(observation, info, None, None)
         elif (steps := len(self._frames["reward"])) == (most := self._most_steps()):
-            gym.logger.warn(f"the episode has more than {most} steps: these are recorded")
+            gym.logger.warn(f"only the first {most} steps of the episode are recorded")
         elif steps < most:
             self._add_frame(frame, observation, info)
             flat = flatten(self.action_space, np.asarray(action))
@@ -128,7 +128,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         return results
 
     def _most_steps(self) -> int:
-        """Return the number of steps of this episode that are recorded at most."""
+        """Return the largest number of steps of this episode that are recorded."""
         if not self._frames["reward"]:
             return MOST_RECORDED
         if self._most is None:

@@ -139,20 +139,26 @@ class Recording:
             )
         if self.weight.min() < 1e-9:
             raise ValueError(f"weight must be at least 1e-9, got {self.weight.min()}")
-        if self.contact.min(initial=0) < 0 or self.contact.max(initial=0) > SLIP:
-            raise ValueError("contact must have the numbers 0, 1 and 2 only, got others")
-        if len(self.terrain) == 1 or (np.diff(self.terrain[:, 0]) <= 0.0).any():
-            raise ValueError("terrain must have x that increases, and none or two and more points")
+        if (wrong := self.contact[(self.contact < 0) | (self.contact > SLIP)]).size:
+            raise ValueError(f"every entry of contact must be 0, 1 or 2, got {wrong[0]}")
+        if len(self.terrain) == 1:
+            raise ValueError("terrain must be empty or have at least 2 points, got 1")
+        if (narrowest := np.diff(self.terrain[:, 0]).min(initial=np.inf)) <= 0.0:
+            raise ValueError(f"x must increase in terrain, got a change of {narrowest:g} m")
         far = np.abs(self.pose[:, :2]).max()
         reach = reach_of(self.robot)
         if far > FARTHEST * reach:
             raise ValueError(
                 f"pose must be within {FARTHEST:g} times the robot's reach, {reach:.3g} m, of the "
-                f"origin, got a place at a distance of {far:.3g} m"
+                f"origin, got a distance of {far:.3g} m"
             )
         if len(self.observed) not in (0, self.observation.shape[1]):
             count = len(self.observed)
-            raise ValueError(f"observed must have one entry per number, got {count} entries")
+            columns = self.observation.shape[1]
+            raise ValueError(
+                f"observed must be empty or have one entry per column of observation, {columns}, "
+                f"got {count} entries"
+            )
         if wrong := [pair for pair in self.observed if len(pair) != 2]:
             raise ValueError(f"observed must have a name and a unit each, got {shown(wrong[0])}")
         if "motor_work" not in self.energies:
@@ -187,7 +193,9 @@ class Recording:
             with np.errstate(invalid="ignore"):
                 wrong = array[~(np.abs(array) <= LARGEST)]
             if wrong.size:
-                raise ValueError(f"{name} must have finite numbers to {LARGEST:g}, got {wrong[0]}")
+                raise ValueError(
+                    f"{name} must contain finite numbers of at most {LARGEST:g}, got {wrong[0]}"
+                )
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
@@ -268,7 +276,7 @@ class Recording:
         Raises:
             ValueError: If the file is missing, damaged or too large, or is not a recording.
         """
-        with named_errors(f"{path} is no recording"):
+        with named_errors(f"{path} is not a recording"):
             return Recording.from_bytes(read_bounded(path, MAX_BYTES))
 
     @staticmethod
@@ -284,7 +292,7 @@ class Recording:
         content: Values = {**_read_archive(data)}
         text = content.pop("description").tobytes()
         if len(text) > MAX_TEXT:
-            raise ValueError(f"its description has more than {MAX_TEXT} bytes")
+            raise ValueError(f"its description must have at most {MAX_TEXT} bytes, got {len(text)}")
         try:
             content |= json.loads(text)
             if (kind := content.pop("format", None)) != FORMAT:
@@ -294,9 +302,9 @@ class Recording:
             content["robot"] = robot_from_json(content["robot"])
             return Recording(**content)
         except RecursionError as error:
-            raise ValueError("its description is nested too deeply") from error
+            raise ValueError("its description must not be nested so deeply") from error
         except (KeyError, TypeError) as error:
-            raise ValueError(f"its description is wrong: {one_line(error)}") from error
+            raise ValueError(f"its description is not valid: {one_line(error)}") from error
 
     def _repr_html_(self) -> str:
         # Import it here, because the module of the page imports this module.
@@ -316,9 +324,9 @@ ARRAYS = {
 def _read_archive(data: bytes) -> dict[str, NDArray[np.generic]]:
     """Return the arrays of a file, after checking their number and sizes without unpacking them."""
     if not zipfile.is_zipfile(io.BytesIO(data)):
-        raise ValueError("it is no .npz file")
-    if data.count(DIRECTORY_ENTRY) > MAX_MEMBERS:
-        raise ValueError(f"it has more than {MAX_MEMBERS} members")
+        raise ValueError("it is not an .npz file")
+    if (count := data.count(DIRECTORY_ENTRY)) > MAX_MEMBERS:
+        raise ValueError(f"it must have at most {MAX_MEMBERS} members, got {count}")
     wanted = {"description": np.dtype(np.uint8), **{n: kind for n, (kind, _) in ARRAYS.items()}}
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
@@ -326,9 +334,9 @@ def _read_archive(data: bytes) -> dict[str, NDArray[np.generic]]:
             if {*archive.files} != {*wanted}:
                 raise ValueError(f"it must contain {sorted(wanted)}, got {shown(archive.files)}")
             if not {member.compress_type for member in members} <= PACKED:
-                raise ValueError("it is packed in another way than npz files are")
-            if sum(member.file_size for member in members) > MAX_UNPACKED:
-                raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
+                raise ValueError("its members must be stored or deflated, as in other .npz files")
+            if (size := sum(member.file_size for member in members)) > MAX_UNPACKED:
+                raise ValueError(f"it must unpack to at most {MAX_UNPACKED} bytes, got {size}")
             arrays = {name: archive[name] for name in wanted}
             for name, kind in wanted.items():
                 if (dtype := arrays[name].dtype) != kind:

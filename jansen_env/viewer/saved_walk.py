@@ -37,7 +37,7 @@ def walk_again(path: str | Path) -> Recording:
             contains values that the environment rejects.
     """
     kinds = AttributeError, KeyError, RecursionError, TypeError
-    with named_errors(f"{path} is no walk", *kinds):
+    with named_errors(f"{path} is not a saved rollout", *kinds):
         content = json.loads(read_bounded(path, MAX_BYTES))
         if (kind := instance("it", content, dict).get("format")) != FORMAT:
             raise ValueError(f"its format must be {FORMAT!r}, got {shown(kind)}")

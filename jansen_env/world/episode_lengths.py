@@ -172,8 +172,8 @@ class EpisodeLengths:
             except ValueError as error:
                 reason = str(error)
         raise ValueError(
-            f"randomize['lengths'] gave no robot that turns its crank in {ATTEMPTS} draws; of the "
-            f"last one {reason}"
+            "randomize['lengths'] must allow robots that can turn their cranks, got none in "
+            f"{ATTEMPTS} samples; the last sample was rejected because {reason}"
         )
 
     def begin(self, builds: Mapping[int, Build]) -> None:

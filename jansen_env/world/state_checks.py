@@ -111,7 +111,7 @@ def _check_build(world: World, i: int, state: Values) -> Build | None:
             raise ValueError(
                 "this environment cannot restore a different robot; remove 'robot' from the state"
             )
-        with checks.named_errors("state['robot'] is no robot", RecursionError):
+        with checks.named_errors("state['robot'] is not a robot", RecursionError):
             robot = robot_from_json(state["robot"])
         load_robot("state['robot']", robot)
     other = robot if robot != lengths.nominal[i] else None

@@ -32,11 +32,11 @@ def one_line(error):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("a: 1\nb: 2\na: 3", "line 3: key 'a' is no text or stands twice"),
+        ("a: 1\nb: 2\na: 3", "line 3: a key must be a text that occurs only once, got 'a'"),
         ("a: &x [1, 2]\nb: *x", "line 2: aliases are not allowed"),
         ("{a: &a [x, x], b: [*a, *a], c: [*b, *b]}", "aliases are not allowed"),
         ("a: !!python/object/apply:os.getcwd []", "line 1: could not determine a constructor"),
-        ("? [1]\n: 2", "line 1: key .* is no text"),
+        ("? [1]\n: 2", "line 1: a key must be a text"),
         ("a: [1", "line 1: "),
         ("--- 1\n--- 2", "another document"),
         ("a: \x01", "special characters"),
@@ -66,7 +66,7 @@ def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
         ({"policy": "os.path"}, "policy must be one of.*got 'os.path'"),
         ({"env": "os:X-v0"}, "env must be one of.*got 'os:X-v0'"),
         ({"other": 1}, "a key must be one of .*, got 'other'"),
-        ({"training_variants": [{"entry_point": "os:x"}]}, r"must be in \[.*, got 'entry_point'"),
+        ({"training_variants": [{"entry_point": "os:x"}]}, r"one of \[.*, got 'entry_point'"),
         (
             {"policy_kwargs": {"features_extractor_class": "os.x"}},
             "a key of policy_kwargs must be one of .*, got 'features_extractor_class'",

@@ -81,7 +81,7 @@ def test_shipped_plans_are_complete(name, monkeypatch):
         ({"profile": "none.json"}, "none.json cannot be read"),
         (
             {"env_kwargs": {"colour": 1}},
-            "an argument of JansenWalkerBuilt-v0 must be in.*, got 'colour'",
+            "an argument of JansenWalkerBuilt-v0 must be one of.*, got 'colour'",
         ),
         ({"env_kwargs": {"robot": "paper"}}, "env_kwargs has 'robot', which the search sets"),
         ({"objectives": {"beauty": "max"}}, "a key of objectives must be one of .*, got 'beauty'"),

@@ -100,7 +100,7 @@ def test_pickles_in_a_model_never_run(folder, payload):
     torch.save(Bomb(), inner)
     for content in (inner.getvalue(), bomb):
         path = changed(folder / "best_model.zip", **{"policy.pth": content})
-        refused(path, "no Stable-Baselines3 model")
+        refused(path, "not a Stable-Baselines3 model")
 
 
 def test_a_model_trained_elsewhere(tmp_path):
@@ -140,7 +140,7 @@ def test_models_that_do_not_fit_their_configuration(values, reason, folder):
 
 def test_a_key_in_the_wrong_place_is_told_where_it_belongs(folder):
     configure(folder, net_arch=[8])
-    with pytest.raises(ValueError, match="'net_arch' must be within policy_kwargs:"):
+    with pytest.raises(ValueError, match="'net_arch' must be a key of policy_kwargs, as in"):
         sb3.load_policy(folder)
 
 
@@ -166,12 +166,12 @@ def test_weights_are_finite(folder):
     inner = io.BytesIO()
     torch.save(weights, inner)
     path = changed(folder / "best_model.zip", **{"policy.pth": inner.getvalue()})
-    refused(path, "weights that are not finite")
+    refused(path, "must be finite, got NaN or infinity")
 
 
 @pytest.mark.parametrize("data", [b"[1]", b"[" * 100_000, b'{"num_timesteps": true}'])
 def test_steps_are_a_whole_number(data, folder):
-    refused(changed(folder / "best_model.zip", data=data), "no Stable-Baselines3 model")
+    refused(changed(folder / "best_model.zip", data=data), "not a Stable-Baselines3 model")
 
 
 def test_nothing_unpacks_without_bound(folder, monkeypatch):

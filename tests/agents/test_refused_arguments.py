@@ -24,13 +24,13 @@ REFUSED = {
         (["--seed", "-1"], "-1"),
         (["--commands", "9"], "must be between"),
         (["--out", f"{__file__}/out"], "must be a folder that can be written to, got"),
-        (["--env", "JansenCrank-v0", "--plant", "rigid_body"], "has one plant only"),
-        (["--env", "JansenCrank-v0", "--levels", "1"], "--levels needs one of"),
-        (["--levels", "1", "--robustness"], "--levels goes without --robustness"),
+        (["--env", "JansenCrank-v0", "--plant", "rigid_body"], "which has only one plant"),
+        (["--env", "JansenCrank-v0", "--levels", "1"], "--env must be one of"),
+        (["--levels", "1", "--robustness"], "--levels cannot be combined with --robustness"),
     ],
     (export, "--to", "c", "--out", "out"): [
         (["none", "--env", "JansenCrank-v0"], "--env is JansenCrank-v0, but none says itself"),
-        (["none"], "no model at"),
+        (["none"], "must be the file of a model"),
         (["pretrained:none"], "policy must be one of"),
         (["pretrained", "--name", "a b"], "name must be a letter"),
     ],
@@ -48,7 +48,7 @@ REFUSED = {
     ],
     (drawings,): [
         (["nobody"], "ROBOT must be a robot file (.json) or one of"),
-        ([str(HASHES)], "walk_hashes.json is no robot file"),
+        ([str(HASHES)], "walk_hashes.json is not a robot file"),
         (["built", "--sheet", "400x300"], "--sheet must hold foot of 453x226 mm"),
         (["built", "--sheet", "wide"], "--sheet: must be WIDTHxHEIGHT in mm"),
         (["built", "--sheet", "nanx1"], "--sheet: must be WIDTHxHEIGHT in mm"),
@@ -78,7 +78,7 @@ REFUSED = {
             ["--policy", "pid", "--env-kwargs", "{speed_command: 1}"],
             "has no effect in --env-kwargs; give --command",
         ),
-        (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
+        (["--recording", "nowhere.npz"], "nowhere.npz is not a recording"),
     ],
 }
 

@@ -131,12 +131,12 @@ def test_bad_replay_buffers_are_refused(tmp_path):
     training_state.save_replay_buffer(buffer, path)
     for content in (pickle.dumps(Bomb()), path.read_bytes()[:-100], b""):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match="is no replay buffer"):
+        with pytest.raises(ValueError, match="is not a replay buffer"):
             training_state.load_replay_buffer(buffer, path)
     arrays = {name: getattr(buffer, name)[:6] for name in training_state.ARRAYS}
     good = {"pos": 5, "full": False, **arrays}
     for changed, reason in (
-        ({"pos": np.array([Bomb()], dtype=object)}, "is no replay buffer"),
+        ({"pos": np.array([Bomb()], dtype=object)}, "is not a replay buffer"),
         ({"actions": np.zeros((6, 4, 2), np.float32)}, "could not broadcast"),
         ({"pos": -1}, "pos must be.*got -1"),
         ({"more": np.zeros(10**8, np.uint8)}, "it must unpack to at most"),
@@ -214,7 +214,7 @@ def test_failed_resume_changes_nothing(tmp_path, started):
     settings = replace(small_config(), policy_kwargs={"net_arch": [8]})
     runs.record_run(tmp_path, settings, "python train.py")
     before = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
-    for message in ("does not fit its configuration", "no Stable-Baselines3 model"):
+    for message in ("does not fit its configuration", "not a Stable-Baselines3 model"):
         with pytest.raises(SystemExit, match=message):
             train.main(["--resume", str(tmp_path), "-n", "999"])
         checkpoint.write_bytes(b"torn")

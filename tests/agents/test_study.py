@@ -117,7 +117,7 @@ def test_of_several_configurations_each_is_a_group():
         (f"{{env: [{CRANK}], algo: [sac]}}", f"configuration must be .*, got '{CRANK}/sac'"),
         (
             "env_kwargs: {speed: 1}",
-            r"must be in \[.*, got 'speed'",
+            r"must be one of \[.*, got 'speed'",
         ),
         ("[1]", r"must be a dict.*, got \[1\]"),
         (None, "no.yml cannot be read"),

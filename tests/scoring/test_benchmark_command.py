@@ -74,7 +74,7 @@ def test_a_function_makes_a_policy(tmp_path, monkeypatch, capsys):
     track = read_result(tmp_path / "x.json").tracks["flat"]
     assert track.policy == "mine:policy" and len(track.sha256 or "") == 64
     error = refused(capsys, "--reproduce", "x.json")  # a file must not choose code that runs
-    assert "runs policies of the package only, got 'mine:policy'" in error
+    assert "must get results of policies of the package, got 'mine:policy'" in error
     for name, message in (
         ("mine:nothing", "must return an object with the method predict, got None"),
         ("mine:other", "module mine has no function other"),
@@ -113,12 +113,15 @@ def test_tracks_that_a_policy_cannot_play_are_left_out(tmp_path, capsys):
     ("arguments", "message"),
     [
         ([], "give --policy to run a policy, or result files"),
-        (["--policy", "pid"], "--policy needs --out"),
-        (["--reproduce", "x.json", "--policy", "pid"], "--reproduce goes without"),
+        (["--policy", "pid"], "--policy must come with --out"),
+        (["--reproduce", "x.json", "--policy", "pid"], "--reproduce cannot be combined"),
         (["--policy", "fat=pid", "--out", "x.json"], "did you mean 'flat'?"),
         (["--policy", "pid", "--policy", "profile", "--out", "x.json"], "was given twice"),
         (["--policy", "dog", "--out", "x.json"], "'dog'"),
-        (["--policy", "flat=pid", "--tracks", "robust", "--out", "x.json"], "has no --policy"),
+        (
+            ["--policy", "flat=pid", "--tracks", "robust", "--out", "x.json"],
+            "--policy must name a policy",
+        ),
         (["--policy", "pid", "--name", "a|b", "--out", "x.json"], "--name must be text"),
         (["--policy", "pid", "--out", f"{__file__}/x.json"], "--out must be a folder"),
         (["none.json"], "none.json cannot be read"),
@@ -133,4 +136,4 @@ def test_wrong_arguments_are_refused(arguments, message, capsys, tmp_path):
 def test_a_changed_policy_is_not_reproduced(monkeypatch, capsys):
     main(["benchmark", "--policy", "pretrained", "--tracks", "flat", "--out", "x.json"])
     monkeypatch.setattr(benchmark, "policy_sha256", lambda *_: "0" * 64)
-    assert "has another SHA-256" in refused(capsys, "--reproduce", "x.json")
+    assert "must have the SHA-256" in refused(capsys, "--reproduce", "x.json")

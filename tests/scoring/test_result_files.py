@@ -103,18 +103,18 @@ def test_other_content_is_refused_by_name(case, result, tmp_path):
     path.write_text(json.dumps(changed(json.loads(path.read_text()))))
     with pytest.raises(ValueError) as error:
         read_result(path)
-    assert str(error.value).startswith(f"{path} is no result file: ")
+    assert str(error.value).startswith(f"{path} is not a result file: ")
     assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[" * 100_000, "is no result file"),
-        ("{", "is no result file"),
+        ("[" * 100_000, "is not a result file"),
+        ("{", "is not a result file"),
         ("[]", "the file must be a dict"),
-        (" " * (MAX_BYTES + 1), "is larger than"),
-        ("\udcff", "is no result file"),
+        (" " * (MAX_BYTES + 1), "must have at most"),
+        ("\udcff", "is not a result file"),
     ],
     ids=["deep", "cut", "list", "large", "no text"],
 )

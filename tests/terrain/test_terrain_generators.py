@@ -153,12 +153,12 @@ REFUSED = {
     "flat2": "terrain must be .*, got 'flat2'",
     "stairs:0.02": r"must be NAME=NUMBER, with a name of \['rise', 'tread'\], got '0.02'",
     "stairs:rise=": "must be NAME=NUMBER.*, got 'rise='",
-    "stairs:rize=1": r"a parameter of 'stairs' must be in \['rise',.*, got 'rize'",
+    "stairs:rize=1": r"a parameter of 'stairs' must be one of \['rise',.*, got 'rize'",
     "stairs:rise=nan": "rise of 'stairs' must be .*, got nan",
     "stairs:tread=0.001": "'stairs:tread=0.001' makes no ground at level 0: tread must be",
     "slope:angle=2": "angle must be between.*got 2.0",
     "waves:length=1e-9": "must leave room for at most 100000 repetitions",
-    "mixed:rise=1": "'mixed' has no parameters, got 'rise'; set those of one kind",
+    "mixed:rise=1": "'mixed' must have no parameters, got 'rise'; choose a single",
 }
 
 
@@ -170,7 +170,7 @@ SHAPES = [
     (lambda: Terrain.stumps(width=0.3, spacing=0.3), r"spacing - width must be above 0, got 0\.0"),
     (lambda: Terrain.ramps(angle=1.5), "angle must be .*, got 1.5"),
     (lambda: Terrain.ramps(length=0.0), "length must be .*, got 0.0"),
-    (lambda: Terrain.waves(height=5.0, length=0.1), "slope of"),
+    (lambda: Terrain.waves(height=5.0, length=0.1), "slopes of Terrain.points"),
     (lambda: Terrain.steps(3), "rng must be a Generator, got 3"),
     (lambda: Terrain.steps(np.random.default_rng(), height=-0.1), "height must be .*, got -0.1"),
     (

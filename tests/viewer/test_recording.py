@@ -160,7 +160,7 @@ def test_falls_are_in_it_and_long_episodes_are_cut(monkeypatch):
     fall = recorded(steps=100, fall_pitch=1e-4)
     assert fall.terminated and fall.steps < 100
     monkeypatch.setattr(recorder, "MOST_RECORDED", 3)
-    with pytest.warns(UserWarning, match="more than 3 steps"):
+    with pytest.warns(UserWarning, match="only the first 3 steps"):
         assert recorded(steps=9).steps == 3
 
 
@@ -168,7 +168,7 @@ def test_an_episode_of_many_legs_is_cut_where_its_file_would_be_too_large(monkey
     """Everything that the recorder keeps can be loaded again."""
     monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
     monkeypatch.setattr(recorder, "MAX_UNPACKED", 2**22)
-    with pytest.warns(UserWarning, match=r"more than \d+ steps: these are recorded"):
+    with pytest.warns(UserWarning, match=r"only the first \d+ steps of the episode"):
         kept = recorded(steps=310, robot=jansen_env.paper_robot(100), control_dt=0.001)
     assert 280 < kept.steps < 300
     assert Recording.from_bytes(kept.to_bytes()).steps == kept.steps
@@ -179,7 +179,7 @@ def test_other_environments_and_what_is_no_number_are_refused(short):
         Recorder(gym.make("CartPole-v1"))
     env = Recorder(gym.wrappers.TransformReward(gym.make(WALKER), lambda _: np.nan))
     walk(env, 2)
-    with pytest.raises(ValueError, match=r"reward must have finite numbers to 1e\+12, got nan"):
+    with pytest.raises(ValueError, match=r"reward must contain finite .* 1e\+12, got nan"):
         _ = env.recording
     for name in ARRAYS:
         array = np.array(getattr(short, name))
@@ -202,10 +202,10 @@ def test_other_environments_and_what_is_no_number_are_refused(short):
         ({"energies": tuple("abcdefghi")}, "must have 'motor_work'"),
         (
             {"pose": np.full((6, 4), 1e12)},
-            "pose must be within .* got a place at a distance of 1e[+]12 m",
+            "pose must be within .* got a distance of 1e[+]12 m",
         ),
-        ({"contact": np.full((6, 4), 3)}, "contact must have the numbers"),
-        ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),
+        ({"contact": np.full((6, 4), 3)}, "every entry of contact must be 0, 1 or 2, got 3"),
+        ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x must increase in terrain, got a change of -1 m"),
         ({"label": 3}, "label must be a str, got 3"),
         ({"seed": "1"}, "seed must be a int, got '1'"),
         ({"robot": {}}, "robot must be a Robot, got {}"),
@@ -271,7 +271,7 @@ def claimed(shape):
         ({"time": claimed((-6,))}, "negative|must"),
         ({"time": b"no array"}, "it is damaged"),
         ({"more": np.zeros(1)}, "must contain"),
-        ({"description": described(b"[" * 100_000)}, "nested too deeply"),
+        ({"description": described(b"[" * 100_000)}, "nested so deeply"),
         ({"description": described(b"9" * 2**21)}, "more than"),
         ({"description": described(b'{"format": "jansen_env recording 3"}')}, "recording 3"),
         *(
@@ -281,13 +281,13 @@ def claimed(shape):
                     {"robot": {**nested(0), "is": "Leg", "side": "fore"}},
                     "a robot file must contain a Robot, got a 'Leg'",
                 ),
-                ({"robot": nested(700)}, "nested too deeply"),
+                ({"robot": nested(700)}, "nested so deeply"),
                 ({"energies": "motor_work"}, r"energy must have the shape \(5, 10\), got \(5, 9\)"),
-                ({"energies": 3}, "description is wrong"),
+                ({"energies": 3}, "description is not valid"),
                 ({"robott": 3}, "robott"),
                 (
                     {"observed": [["name", "unit", "more"]]},
-                    "observed must have one entry per number, got 1 entries",
+                    "observed must be empty or have one entry per .*, got 1 entries",
                 ),
             )
         ),
@@ -336,12 +336,12 @@ def test_bombs_stay_small(short, tmp_path, monkeypatch):
     bomb = rewritten(short, time=claimed((6,)) + bytes(2**25))
     refused_within(with_declared_size(bomb, "time", 100), "it is damaged", 2**21)
     monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
-    refused_within(bomb, "unpacks to more than", 2**21)
+    refused_within(bomb, "must unpack to at most", 2**21)
     large = tmp_path / "large.npz"
     with large.open("wb") as out:
         out.truncate(2**40)
-    with pytest.raises(ValueError, match="larger than"):
+    with pytest.raises(ValueError, match="must have at most"):
         Recording.load(large)
     for packed in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):  # zipfile unpacks all of it that is read
         bomb = rewritten(short, packed, reward=bytes(2**25))
-        refused_within(with_declared_size(bomb, "reward", 100), "packed in another way", 2**21)
+        refused_within(with_declared_size(bomb, "reward", 100), "stored or deflated", 2**21)

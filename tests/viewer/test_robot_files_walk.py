@@ -308,7 +308,7 @@ def test_the_command_takes_a_robot_file(tmp_path, capsys):
     many = write_robot(tmp_path / "many.json", ROBOTS["paper"](MOST_TOES))
     for wrong, text in {
         "wheel": "--robot must be a robot file (.json) or one of",
-        str(tmp_path / "none.json"): "is no robot file",
+        str(tmp_path / "none.json"): "is not a robot file",
         str(many): f"at most {MOST_TOES} toes",
     }.items():
         with pytest.raises(SystemExit):

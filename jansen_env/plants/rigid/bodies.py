@@ -492,7 +492,7 @@ class BodySpace:
         rows = list(memoryview(self._got.int_buf()).cast("P"))
         self.index = {body.id: i for i, body in enumerate(self.bodies)}
         if rows[: len(self.index)] != list(self.index):
-            raise RuntimeError("pymunk lists the bodies in another order than they were added in")
+            raise RuntimeError("pymunk must list the bodies in the order in which they were added")
         self._dry_places = [(self.index[joint.a.id], self.index[joint.b.id]) for joint in self.dry]
         ends = [*(pin.a for pin in self.pins), *(pin.b for pin in self.pins)]
         anchors = [*(pin.anchor_a for pin in self.pins), *(pin.anchor_b for pin in self.pins)]

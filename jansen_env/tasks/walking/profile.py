@@ -85,12 +85,12 @@ class Profile:
         object.__setattr__(self, "numbers", numbers)
         increases = commands.ndim == 1 and (np.diff(commands, prepend=0.0) > 0.0).all()
         if not increases or len(commands) == 0:
-            raise ValueError(f"commands must increase from above 0, got {commands.tolist()}")
+            raise ValueError(f"commands must be above 0 and increase, got {commands.tolist()}")
         shape = numbers.shape
         if len(shape) != 2 or shape[0] != len(commands) or shape[1] < 4 or shape[1] % 2:
             raise ValueError(f"numbers must have the shape ({len(commands)}, 4 + 2 K), got {shape}")
-        if not np.isfinite(numbers).all():
-            raise ValueError("numbers must be finite, got entries that are not")
+        if (wrong := numbers[~np.isfinite(numbers)]).size:
+            raise ValueError(f"numbers must be finite, got {wrong[0]}")
 
     @cached_property
     def nodes(self) -> tuple[Array, Array]:

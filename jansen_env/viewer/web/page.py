@@ -43,7 +43,7 @@ def page(*recordings: Recording) -> str:
             of the crank alone, or if they need more than ``MAX_BYTES``.
     """
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
-        raise ValueError(f"recordings must be 1 or 2, got {len(recordings)}")
+        raise ValueError(f"page() must get 1 or 2 recordings, got {len(recordings)}")
     if len(units := {recording.speed_unit for recording in recordings}) > 1:
         raise ValueError(f"recordings must have speeds in one unit, got {sorted(units)}")
     labels = _labels(recordings)

@@ -6,13 +6,15 @@ results of this code, against which later versions are compared.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from jansen_env import holy_numbers_robot, robot_from_joints
-from jansen_env.robot import Leg
+from jansen_env.robot import JANSEN, Leg, Triangle
 from jansen_env.robot.kinematics import toe_positions
+from jansen_env.robot.linkage import Dyad
 from jansen_env.robot.zoo import klann_robot
 
 
@@ -109,6 +111,47 @@ def test_legsynths_gait_of_jansens_leg():
     assert y.max() - ground == pytest.approx(published_clearance, abs=1e-6)
     assert y[stance].std() / step == pytest.approx(published_flatness, abs=1e-8)
     assert len(stance) / 1440 == pytest.approx(published_duty, abs=1e-6)
+
+
+def stance_measures(robot):
+    """Return step, clearance, duty, flatness and ripple of a leg, as docs/design/held_leg.md."""
+    psi = 2.0 * math.pi / 360 * np.arange(360)
+    x, y = toe_positions(robot, psi)[:, 0].T / robot.bodies[1].length * 15.0
+    stance = y <= y.min() + 0.15 * np.ptp(y)
+    step = np.ptp(x[stance])
+    speed = (np.roll(x, -1) - np.roll(x, 1))[stance]
+    ripple = speed.std() / abs(speed.mean())
+    return step, y.max() - y[stance].mean(), stance.mean(), y[stance].std() / step, ripple
+
+
+def test_table_4_of_arxiv_2606_22129_is_that_of_another_assembly():
+    """The upper triangle is turned over: B lies on the other side of the line from A to P."""
+    jansen = holy_numbers_robot(1)
+    unit = jansen.bodies[1].length / 15.0
+    turned = replace(
+        JANSEN,
+        bodies=tuple(
+            (name, "PDB" if name == "upper_triangle" else joints) for name, joints in JANSEN.bodies
+        ),
+        dyads=(Dyad("B", "A", "P", 1), *JANSEN.dyads[1:]),
+    )
+    bodies = list(jansen.bodies)
+    sides = (40.1 * unit, 55.8 * unit, 41.5 * unit)
+    bodies[JANSEN.names.index("upper_triangle")] = Triangle.from_sides(*sides, mass=0.1)
+    robot = replace(jansen, linkage=turned, bodies=tuple(bodies))
+    step, clearance, duty, flatness, ripple = stance_measures(robot)
+    published_step = 43.3
+    published_clearance = 25.7
+    published_duty = 0.20
+    published_flatness = 0.0281
+    published_ripple = 0.0956
+    assert step == pytest.approx(published_step, abs=0.05)
+    assert clearance == pytest.approx(published_clearance, abs=0.05)
+    assert duty == pytest.approx(published_duty, abs=0.005)
+    assert flatness == pytest.approx(published_flatness, abs=5e-5)
+    assert ripple == pytest.approx(published_ripple, abs=5e-5)
+    recorded = (67.858, 21.705, 0.614, 0.01412, 0.3832)
+    assert stance_measures(jansen) == pytest.approx(recorded, rel=1e-3)
 
 
 def test_klanns_path_in_the_patents_assembly():

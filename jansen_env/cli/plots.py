@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMNS = 3  # panels in a row, so that their text is legible on a page
+COLUMNS = 2  # panels in a row, so that their text is legible on a phone
 
 # Lower values are drawn as this value on a logarithmic axis. Rigid feet may not slip at all.
 LEAST = 1e-4
@@ -113,7 +113,7 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
     if columns == 1:
         columns = min(len(metrics), COLUMNS)
         rows = -(-len(metrics) // columns)
-    figure = Figure((3.8 * columns, 2.7 * rows), layout="constrained")
+    figure = Figure((3.2 * columns, 2.4 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     panels = [*product(metrics.items(), sweeps.items())]
     for axis, ((name, metric), (sweep, conditions)) in zip(axes.flat, panels, strict=False):
@@ -121,14 +121,14 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
             scores = [policies[policy]["overall"][name] for policies in conditions.values()]
             places = np.arange(len(scores), dtype=float) + (0.1 * i if len(scores) == 1 else 0.0)
             _draw_curve(axis, metric, places, np.array(scores, float).T, policy)
-        axis.set_title(metric.heading, fontsize=11)
+        axis.set_title(metric.heading, fontsize=10)
         axis.set_xlabel(sweep)
-        axis.set_xticks(range(len(conditions)), conditions)
+        axis.set_xticks(range(len(conditions)), conditions, fontsize=9)
         axis.grid(alpha=0.3)
     for axis in axes.flat[len(panels) :]:
         axis.remove()
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 3))
     return save(figure, path)
 
 
@@ -167,4 +167,4 @@ def save(figure: "Figure", path: str | Path) -> Path:
     Returns:
         The path of the file.
     """
-    return write_whole(path, lambda name: figure.savefig(name, dpi=120))
+    return write_whole(path, lambda name: figure.savefig(name, dpi=140))

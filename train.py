@@ -37,57 +37,65 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """
     parser = Parser(
         "train.py",
-        "Train a policy, score it beside the baselines, draw the scores.",
+        "Train a policy, compare it with the baselines, and plot the scores.",
         "python train.py --env JansenWalkerRough-v0 --seed 1",
         "python train.py --resume logs/ppo/JansenWalkerBuilt-v0_1",
     )
     add_run_flags(parser)
     add = parser.add_argument
-    add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
+    add(
+        "--algo",
+        choices=sorted(ALGORITHMS),
+        help="training algorithm; default: the algorithm in the file of --config, or ppo",
+    )
     add(
         "--config",
         metavar="FILE",
-        help="hyperparameters, or a folder of ALGO.yml; default: the one of ENV and ALGO",
+        help="configuration file with the hyperparameters, or a folder that contains such a file "
+        "named ALGO.yml; default: the file of the package for the environment and the algorithm",
     )
     add(
         "--env",
         type=imported_env_id,
         metavar="ID",
-        help=f"environment id, or MODULE:ID; default: --config's, or {DEFAULT}",
+        help="id of the environment, or MODULE:ID to import the module that registers it; "
+        f"default: the environment in the file of --config, or {DEFAULT}",
     )
     add(
         "--seed",
         type=non_negative_int,
-        help="seed of networks and environments; default: --config's, or 0",
+        help="seed of the networks and the environments; default: the seed in the file of "
+        "--config, or 0",
     )
     add(
         "--log-folder",
         type=path_flag,
         default="logs",
         metavar="DIR",
-        help="parent folder of runs, DIR/ALGO/ENV_N",
+        help="folder of all runs; a run is written to DIR/ALGO/ENV_N; default: logs",
     )
     add(
         "--tensorboard-log",
         metavar="DIR",
-        help="folder of TensorBoard's log, '' for none; default: the run's",
+        help="folder of the TensorBoard log; '' writes no log; default: tensorboard in the folder "
+        "of the run",
     )
     add(
         "--start",
         metavar="MODEL",
-        help="weights to begin with: a run's folder, a model's zip, a policy's json file, "
-        "'pretrained' or 'pretrained:NAME'",
+        help="policy whose weights the training starts from: the folder of a run, the zip file of "
+        "a model, the JSON file of a policy, 'pretrained' or 'pretrained:NAME'",
     )
     add(
         "--device",
         type=torch_device,
         default="cpu",
         metavar="NAME",
-        help="PyTorch's device of the networks, such as cuda, which pays for large ones; the same "
-        "seed gives the same run on cpu alone; default: cpu",
+        help="PyTorch device of the networks, such as cuda; a GPU is faster only for large "
+        "networks, and only on the CPU does the same seed give the same run; default: cpu",
     )
-    add("--resume", metavar="RUN", help="run folder to continue from its last checkpoint")
-    add("--no-progress", action="store_true", help="no progress bar")
+    add("--resume", metavar="RUN", help="folder of a run to continue from its last checkpoint")
+    add("--no-progress", action="store_true", help="do not show a progress bar")
     return parser.parse_args(arguments)
 
 
@@ -158,9 +166,9 @@ def _run(
     start = time.perf_counter()
     target = config.timesteps
     if args.resume and resume is None:
-        print(f"no checkpoint in {folder} yet: the run starts from its beginning")
+        print(f"there is no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
-        print(f"{folder} is finished: {model.num_timesteps} steps trained, {target} asked for")
+        print(f"{folder} is finished: trained for {model.num_timesteps} of {target} steps")
     else:
         record_run(folder, config, command)
         if resume is not None:
@@ -192,10 +200,15 @@ def _configure(args: argparse.Namespace) -> RunConfig:
         fixed = ("algo", "n_envs", "seed", "env_kwargs", "config", "start")
         flags = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
         if flags:
-            raise ValueError(f"--resume takes these from the run's config.yml: {', '.join(flags)}")
+            raise ValueError(
+                f"--resume cannot be combined with {', '.join(flags)}, because the config.yml of "
+                "the run determines their values"
+            )
         config = load_config(Path(args.resume) / "config.yml")
         if args.env not in (None, config.env):
-            raise ValueError(f"--env must be {config.env}, that of the run, got {args.env}")
+            raise ValueError(
+                f"--env must be {config.env}, the environment of the run, got {args.env}"
+            )
         return replace(config, timesteps=args.timesteps or config.timesteps)
     return new_config(
         args.config,

@@ -371,21 +371,24 @@ def main(arguments: list[str] | None = None) -> None:
     add = parser.add_argument
     add(
         "run",
-        help="a run's folder, a model's zip file with config.yml beside it, or the json "
-        "file of a policy whose scores are to be made again",
+        help="the folder of a run, the zip file of a model with config.yml beside it, or the JSON "
+        "file of a policy that is to be scored again",
     )
-    add("--name", help="of the policy; default: that of its algorithm")
+    add("--name", help="name of the policy; default: the name of its algorithm")
     add(
         "--out",
         type=path_flag,
         default="policies",
         metavar="DIR",
-        help="files go to DIR/ENV_ID; default: policies",
+        help="parent folder; the files are written to DIR/ENV_ID; default: policies",
     )
     add(
-        "--episodes", type=episode_count, default=10, help="per command, of the scores; default: 10"
+        "--episodes",
+        type=episode_count,
+        default=10,
+        help="number of episodes per command for the scores; default: 10",
     )
-    add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
+    add("--seed", type=non_negative_int, default=0, help="seed of these episodes; default: 0")
     args = parser.parse_args(arguments)
     with parser.refusing():
         path = pack(**vars(args))

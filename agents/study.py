@@ -96,47 +96,74 @@ def _parser() -> Parser:
     parser.allow_abbrev = False  # the keys of a file must not be abbreviated
     add_run_flags(parser)
     add = parser.add_argument
-    add("file", nargs="?", metavar="FILE", help="YAML of flags; those given here come first")
-    add("--seeds", type=whole(most=MOST_SEEDS), default=10, help="runs of each kind; default: 10")
-    add("--first-seed", type=non_negative_int, default=0, help="of these runs; default: 0")
+    add(
+        "file",
+        nargs="?",
+        metavar="FILE",
+        help="YAML file with flags; flags on the command line take precedence over this file",
+    )
+    add(
+        "--seeds",
+        type=whole(most=MOST_SEEDS),
+        default=10,
+        help="number of runs, each with its own seed, per group; default: 10",
+    )
+    add(
+        "--first-seed",
+        type=non_negative_int,
+        default=0,
+        help="lowest seed of the runs of a group; default: 0",
+    )
     add(
         "--env",
         nargs="+",
         type=env_id,
         default=[DEFAULT],
         metavar="ID",
-        help=f"environment ids; default: {DEFAULT}",
+        help=f"ids of the environments; default: {DEFAULT}",
     )
-    add("--algo", nargs="+", choices=sorted(ALGORITHMS), default=["ppo"], help="default: ppo")
+    add(
+        "--algo",
+        nargs="+",
+        choices=sorted(ALGORITHMS),
+        default=["ppo"],
+        help="training algorithms; default: ppo",
+    )
     add(
         "--config",
         nargs="+",
         default=[SHIPPED],
         metavar="FILE",
-        help="hyperparameters: a file, a folder of ALGO.yml, or 'shipped', the default; of several "
-        "each is a group, 'shipped' where there is one",
+        help="configuration files with the hyperparameters, folders that contain such a file "
+        "named ALGO.yml, or 'shipped' for the file of the package; each configuration is a group "
+        "of runs; with several configurations, 'shipped' is left out where the package has no "
+        "file; default: shipped",
     )
-    add("--name", help="of the study; default: the file's, or else 'study'")
+    add("--name", help="name of the study; default: the name of FILE, or 'study' without a file")
     add(
         "--log-folder",
         type=path_flag,
         default="logs/studies",
         metavar="DIR",
-        help="the study goes to DIR/NAME",
+        help="folder of all studies; a study is written to DIR/NAME; default: logs/studies",
     )
     add(
         "--cores",
         type=positive_int,
         default=1,
-        help="of each run, for its environments; default: 1",
+        help="number of CPU cores per run, used by its environments; default: 1",
     )
     add(
         "--workers",
         type=positive_int,
-        help="runs at once on this machine; default: as the cores allow",
+        help="number of simultaneous runs on this machine; default: as many as the cores allow",
     )
-    add("--address", help="of the Ray cluster to join, or 'auto'; default: a new one here")
-    add("--report", action="store_true", help="train nothing, report the runs that are finished")
+    add(
+        "--address",
+        help="address of the Ray cluster to join, or 'auto'; default: start a new cluster on this "
+        "machine",
+    )
+    add("--report", action="store_true", help="only write the report on the finished runs")
     return parser
 
 

@@ -52,9 +52,9 @@ def write_report(folder: Path) -> str:
         scores.to_csv(folder / "runs.csv", index=False)
         returns.to_csv(path, index=False)
     if not path.is_file():
-        raise ValueError(f"{folder} has no run that is finished")
+        raise ValueError(f"{folder} must contain a finished run, got none")
     returns = pd.read_csv(path)
-    if "threshold" not in returns:  # written by an earlier version
+    if "threshold" not in returns:  # the column is optional
         returns["threshold"] = returns.env.map(threshold_of)
     table = groups_table(returns)
     parts = [f"# {folder.name}", table, NOTES.replace("\n", " ")]

@@ -231,7 +231,10 @@ def find_steady(robot: str, episodes: int) -> Entry:
         )
         if relative < CHATTER:
             return {"gains": gains, "torque_change": round(relative, 4)}
-    raise ValueError(f"--robot {robot} has no gains at which its motor does not switch")
+    raise ValueError(
+        "--robot must be a robot whose motor does not switch between its limits under some of the "
+        f"gains, got {robot}"
+    )
 
 
 def objective(run: Episodes, episodes: int) -> Array:
@@ -436,22 +439,30 @@ def write_entry(path: Path, robot: str, name: str, entry: Entry) -> None:
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
     """Parse and check the command line."""
     parser = Parser(
-        "python -m agents.tune", "Make the baselines' data.", "python -m agents.tune pid constant"
+        "python -m agents.tune",
+        "Tune the baselines for a robot.",
+        "python -m agents.tune pid constant",
     )
     add = parser.add_argument
     add(
         "baselines",
         nargs="*",
         metavar="NAME",
-        help="of pid, constant, steady, profile; default: all",
+        help="baselines to tune, of pid, constant, steady and profile; default: all",
     )
     add(
         "--robot",
         default="paper",
         metavar="NAME",
-        help=f"one of {', '.join(ROBOTS)}, or one of these with a number of legs, such as built:12",
+        help=f"robot: one of {', '.join(ROBOTS)}, or one of these with a number of legs, such as "
+        "built:12; default: paper",
     )
-    add("--episodes", type=episode_count, default=6, help="per crank speed, torque or candidate")
+    add(
+        "--episodes",
+        type=episode_count,
+        default=6,
+        help="number of episodes per crank speed, torque or candidate; default: 6",
+    )
     add(
         "--out", type=path_flag, default=tuned.DATA.parent, metavar="DIR", help="folder to write to"
     )

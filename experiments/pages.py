@@ -23,12 +23,16 @@ def options(description: str | None, **counts: int) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="try the program in a tiny setting")
     parser.add_argument(
-        "--out", type=Path, default=DOCS, help="folder of the pages and their data (docs)"
+        "--quick", action="store_true", help="run a tiny version of the experiment, to test it"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=DOCS, help="folder of the pages and their data; default: docs"
     )
     for name, default in counts.items():
-        parser.add_argument(f"--{name}", type=int, default=default, help=f"({default})")
+        parser.add_argument(
+            f"--{name}", type=int, default=default, help=f"whole number; default: {default}"
+        )
     return parser.parse_args()
 
 
@@ -80,7 +84,7 @@ def with_tables(text: str, tables: Sequence[str]) -> str:
     for new in tables:
         heading = new.partition("\n")[0]
         if heading not in rest:
-            raise ValueError(f"the page has no table with the headings {heading}")
+            raise ValueError(f"the page must have a table with the headings {heading}, got none")
         start = rest.index(heading)
         length = next(
             (k for k, line in enumerate(rest[start:]) if not line.startswith("|")),

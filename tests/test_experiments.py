@@ -99,7 +99,7 @@ def test_a_table_takes_the_place_of_the_one_with_the_same_headings() -> None:
     assert pages.with_tables(page, [old, new]) == (
         f"Before.\n\n{old}\n\nBetween.\n\n{new}\n\nAfter.\n"
     )
-    with pytest.raises(ValueError, match="no table with the headings"):
+    with pytest.raises(ValueError, match="must have a table with the headings"):
         pages.with_tables(page, [old, new, new])
 
 

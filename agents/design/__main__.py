@@ -39,29 +39,39 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "python -m agents.design cost --speed 0.5 --seeds 3 --name fast",
     )
     add = parser.add_argument
-    add("plan", metavar="PLAN", help=f"a file, or one of: {shipped}")
-    add("--name", help="of the search; default: the plan's")
+    add("plan", metavar="PLAN", help=f"file of a plan, or one of: {shipped}")
+    add("--name", help="name of the search; default: the name of the plan")
     add(
         "--log-folder",
         type=path_flag,
         default="logs/design",
         metavar="DIR",
-        help="it goes to DIR/NAME",
+        help="folder of all searches; a search is written to DIR/NAME; default: logs/design",
     )
-    add("--seeds", type=positive_int, help="searches with seeds from 0; default: the plan's")
-    add("--generations", type=positive_int, help="in place of the plan's")
-    add("--speed", type=float, help="m/s, in place of the plan's")
+    add(
+        "--seeds",
+        type=positive_int,
+        help="number of searches, with seeds from 0; default: the number in the plan",
+    )
+    add(
+        "--generations",
+        type=positive_int,
+        help="number of generations; default: the number in the plan",
+    )
+    add("--speed", type=float, help="commanded speed in m/s; default: the speed in the plan")
     add(
         "--variables",
         type=mapping,
         metavar="YAML",
-        help="in place of the plan's, e.g. '{harmonics: 4}': the robot keeps its lengths",
+        help="what the search varies; replaces the variables of the plan; '{harmonics: 4}', for "
+        "example, varies the profile but not the link lengths",
     )
     add(
         "--limits",
         type=mapping,
         metavar="YAML",
-        help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'",
+        help="limits of measures, such as '{lift: [0.1, null]}'; they are added to the limits of "
+        "the plan, or replace limits of the same measures",
     )
     args = parser.parse_args(arguments)
     args.parser = parser
@@ -119,7 +129,10 @@ def enter(folder: Path, plan: SearchPlan) -> None:
         if begin.exists() and read_robot(begin) != robot:
             differ.append("robot")
         if differ := sorted({*differ} - may_differ):
-            raise ValueError(f"{folder} holds another search: {differ} differ; take another name")
+            raise ValueError(
+                f"{folder} contains another search, with a different {', '.join(differ)}; choose "
+                "another --name"
+            )
     write_robot(begin, robot)
     write_text(path, yaml.safe_dump(entries, sort_keys=False))
 

@@ -72,7 +72,7 @@ class SearchPlan:
         check_env_kwargs(self.env, self.env_kwargs)
         for name in ("robot", "speed_command", "terrain"):
             if name in self.env_kwargs:
-                raise ValueError(f"env_kwargs has {name!r}, which the search sets")
+                raise ValueError(f"env_kwargs must not contain {name!r}, which the search sets")
         ways = dict.fromkeys(MEASURES, Rule(words=("min", "max")))
         check_keys("objectives", {**self.objectives}, ways)
         for name, ends in self.limits.items():
@@ -85,7 +85,10 @@ class SearchPlan:
             )
         traced = [name for name in self.measured if name in GROUPS["loads"]]
         if traced and self.env_kwargs.get("plant", "projection") != "projection":
-            raise ValueError(f"{traced[0]} is measured on the plant 'projection' alone")
+            plant = self.env_kwargs["plant"]
+            raise ValueError(
+                f"plant must be 'projection' to measure {traced[0]}, got {shown(plant)}"
+            )
         self.space()
 
     @property
@@ -129,7 +132,7 @@ def make_plan(content: Mapping[str, object]) -> SearchPlan:
     check_keys("", dict(content), KEYS)
     needed = [f.name for f in fields(SearchPlan) if MISSING is f.default is f.default_factory]
     if missing := [name for name in needed if name not in content]:
-        raise ValueError(f"the plan lacks {missing[0]!r}")
+        raise ValueError(f"a plan must have the entry {missing[0]!r}, got none")
     return SearchPlan(**content)  # type: ignore[arg-type] # checked by KEYS
 
 

@@ -288,8 +288,9 @@ def run_search(
             part = journal[end - n : end]
             if not np.array_equal(unit, part["unit"]):
                 raise ValueError(
-                    f"{path}, generation {end // n}, is not what this search asks for; the plan, "
-                    "seed or versions of the libraries are others: take another name"
+                    f"generation {end // n} of {path} must be the one that this search proposes, "
+                    "got another one: the plan, the seed or the version of a library has changed; "
+                    "choose another --name"
                 )
             optimiser.tell(objectives_of(plan, part), part["violation"])
             progress(journal[:end])

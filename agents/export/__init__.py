@@ -45,7 +45,9 @@ def export(
             packed; if the name is not valid in C; or if the policy is not suitable for firmware.
     """
     if (file := shipped_file(run, env_id or DEFAULT)) is None and env_id is not None:
-        raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
+        raise ValueError(
+            f"--env must not be given for {run}, whose files name the environment, got {env_id}"
+        )
     policy, short = read(file or run)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", f"{policy.env_id}_{short}").lower()
     default = re.sub(r"[^a-z0-9]+", "_", words).strip("_")[:50]  # leaves room for _firmware
@@ -75,17 +77,22 @@ def main(arguments: list[str] | None = None) -> None:
     add(
         "run",
         metavar="RUN",
-        help="a run's folder, a model's zip file with config.yml beside it, "
-        "a policy's json file, 'pretrained' or 'pretrained:NAME'",
+        help="policy: the folder of a run, the zip file of a model with config.yml beside it, the "
+        "JSON file of a policy, 'pretrained' or 'pretrained:NAME'",
     )
     add(
         "--to",
         action="append",
         required=True,
         choices=KINDS,
-        help="what to write; given again, several of them",
+        help="format to write; repeat the flag to write several formats",
     )
-    add("--env", type=env_id, metavar="ID", help=f"of 'pretrained'; default: {DEFAULT}")
+    add(
+        "--env",
+        type=env_id,
+        metavar="ID",
+        help=f"environment of a 'pretrained' policy; default: {DEFAULT}",
+    )
     add(
         "--out",
         type=path_flag,
@@ -93,7 +100,11 @@ def main(arguments: list[str] | None = None) -> None:
         metavar="DIR",
         help="folder of the files; default: exports",
     )
-    add("--name", help="of the files and of functions in C; default: such as jansen_walker_v0_ppo")
+    add(
+        "--name",
+        help="name of the files, and of the functions in C; default: a name made of the "
+        "environment and the policy, such as jansen_walker_v0_ppo",
+    )
     args = parser.parse_args(arguments)
     if "onnx" in args.to:
         need("export", *onnx_model.NEEDED, who="--to onnx")

@@ -95,12 +95,12 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
         "-n",
         "--timesteps",
         type=positive_int,
-        help="environment steps of a run, in place of the configuration's",
+        help="number of environment steps of a run; default: the number in the configuration",
     )
     add(
         "--n-envs",
         type=whole(most=MOST_ENVS),
-        help="parallel environments of a run, in place of its",
+        help="number of parallel environments of a run; default: the number in the configuration",
     )
     add(
         "--env-kwargs",
@@ -111,19 +111,20 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
     add(
         "--eval-freq",
         type=non_negative_int,
-        help="steps between evaluations, 0 for none; default: an 8th of the timesteps",
+        help="number of steps between evaluations; 0 means no evaluations; default: an eighth of "
+        "the steps of the run",
     )
     add(
         "--save-freq",
         type=non_negative_int,
         default=100_000,
-        help="steps between checkpoints, 0 for none; default: 100000",
+        help="number of steps between checkpoints; 0 means no checkpoints; default: 100000",
     )
     add(
         "--eval-episodes",
         type=episode_count,
         default=10,
-        help="episodes per command of the scores; default: 10",
+        help="number of episodes per command for the final scores; default: 10",
     )
 
 

@@ -62,17 +62,18 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         action="append",
         default=[],
         metavar="[TRACK=]NAME",
-        help=f"policy to run: {', '.join(FLOORS)}, a baseline, 'pretrained', a run's folder, the "
-        "file of a model or policy, or MODULE:FUNCTION; repeat it for another policy on a track",
+        help=f"policy to run: {', '.join(FLOORS)}, a baseline, 'pretrained', the folder of a run, "
+        "the file of a model or policy, or MODULE:FUNCTION; repeat the flag for tracks with other "
+        "policies",
     )
     add(
         "--tracks",
         nargs="+",
         choices=TRACKS,
         metavar="TRACK",
-        help=f"tracks to run, of {', '.join(TRACKS)}; default: those that the policy can play",
+        help=f"tracks to run, of {', '.join(TRACKS)}; default: all tracks that the policy can play",
     )
-    add("--name", help="name of the algorithm in tables; default: that of the policy")
+    add("--name", help="name of the algorithm in tables; default: the name of the policy")
     add("--out", type=path_flag, metavar="FILE", help="result file to write")
     add(
         "--reproduce",

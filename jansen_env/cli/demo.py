@@ -1,4 +1,4 @@
-"""Watch two machines climb stairs within seconds, on a page in a browser: ``jansen-env demo``."""
+"""Watch two robots climb stairs within seconds, on a page in a browser: ``jansen-env demo``."""
 
 import argparse
 import tempfile
@@ -37,7 +37,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """
     parser = Parser(
         "jansen-env demo",
-        "Watch two machines climb stairs, on a page in a browser.",
+        "Watch two robots climb stairs, on a page in a browser.",
         "jansen-env demo",
         "jansen-env demo --no-open --out pages",
     )
@@ -46,16 +46,16 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "--out",
         type=path_flag,
         metavar="FOLDER",
-        help="where the page is written; default: a temporary folder",
+        help="folder to which the page is written; default: a temporary folder",
     )
-    add("--no-open", action="store_true", help="open no browser")
+    add("--no-open", action="store_true", help="do not open a browser")
     args = parser.parse_args(arguments)
     args.parser = parser
     return args
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Write the page, open it if there is a display, and say what to try next.
+    """Write the page, open it if there is a display, and print what to try next.
 
     Args:
         arguments: Arguments of the command. If None, those of the process.

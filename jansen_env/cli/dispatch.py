@@ -56,7 +56,7 @@ def _parse(program: str, commands: Mapping[str, str], arguments: list[str]) -> a
     )
     add = parser.add_argument
     add("--version", action="version", version=__version__)
-    add("command", metavar="COMMAND", help="one of those below")
+    add("command", metavar="COMMAND", help="one of the commands below")
     add("arguments", nargs=argparse.REMAINDER, metavar="...", help=f"see {program} COMMAND --help")
     args = parser.parse_args(arguments or ["--help"])
     if args.command not in commands:

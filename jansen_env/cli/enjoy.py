@@ -330,7 +330,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """
     parser = policy_parser(
         "jansen-env enjoy",
-        "Show a policy in a window, or film policies one above the other.",
+        "Show a policy in a window, or record a video of policies, one above the other.",
         "jansen-env enjoy --env JansenWalkerRough-v0",
         "jansen-env enjoy --policy pretrained --policy pid --video both.mp4",
     )
@@ -340,12 +340,20 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         type=float,
         nargs="+",
         metavar="V",
-        help="speed or goal of each episode in turn; default: the grid's middle",
+        help="commanded speeds or goals, which the episodes use in turn; default: the middle of "
+        "the benchmark's grid",
     )
-    add("--episodes", type=episode_count, help="number of episodes; default: one for each command")
-    add("--steps", type=positive_int, help="most steps of an episode; default: the environment's")
+    add("--episodes", type=episode_count, help="number of episodes; default: one per command")
     add(
-        "--video", type=path_flag, metavar="FILE", help="write a .gif or .mp4, in place of a window"
+        "--steps",
+        type=positive_int,
+        help="largest number of steps of an episode; default: the time limit of the environment",
+    )
+    add(
+        "--video",
+        type=path_flag,
+        metavar="FILE",
+        help="write a video (.gif or .mp4) instead of opening a window",
     )
     args = parse_policies(parser, arguments, "--command")
     args.command = args.command or [find_benchmark(args.env).middle]

@@ -67,32 +67,34 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         action="append",
         default=[],
         choices=sorted(PLANTS),
-        help="plant of the walkers; repeat to compare; default: the environment's",
+        help="simulation backend of the walkers; repeat the flag to compare backends; default: the "
+        "backend of the environment",
     )
     add(
         "--commands",
         type=float,
         nargs="+",
         metavar="V",
-        help="speeds or goals; default: the benchmark's grid",
+        help="commanded speeds or goals; default: the grid of the benchmark",
     )
     add(
         "--episodes",
         type=episode_count,
         default=10,
-        help="per command, or per condition of --robustness and --levels; default: 10",
+        help="number of episodes per command, or per condition of --robustness and --levels; "
+        "default: 10",
     )
     add(
         "--random-commands",
         type=episode_count,
         metavar="N",
-        help="also N episodes with commands drawn from the environment's range",
+        help="also run N episodes with commands sampled from the range of the environment",
     )
     add(
         "--robustness",
         action="store_true",
-        help="scores over friction and foot stiffness with random commands, in place of those by "
-        "command; a tenth of the episodes on 'rigid_body'",
+        help="score the policies at several frictions and foot stiffnesses, with sampled commands, "
+        "instead of at each command; 'rigid_body' runs a tenth of the episodes",
     )
     add(
         "--levels",
@@ -100,14 +102,15 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         nargs="+",
         default=[],
         metavar="L",
-        help="the same over terrain levels, of 0 to 9",
+        help="score the policies at these terrain levels, from 0 to 9, with sampled commands",
     )
     add("--all", action="store_true", help="print all metrics with their 95 %% intervals")
     add(
         "--out",
         type=path_flag,
         metavar="DIR",
-        help="write all scores: scores.json, .md and .png, or robustness.*, levels.*",
+        help="folder to which all scores are written, as scores.json, scores.md and scores.png, "
+        "or as files named robustness or levels",
     )
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:

@@ -201,10 +201,12 @@ def robot_parser(
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help=f"{', '.join(ROBOTS)}; one of these with a number of legs, such as built:12; "
+        help=f"one of {', '.join(ROBOTS)}; one of these with a number of legs, such as built:12; "
         "or a robot file",
     )
-    parser.add_argument("--out", type=path_flag, metavar=metavar, help=f"default: {out}")
+    parser.add_argument(
+        "--out", type=path_flag, metavar=metavar, help=f"output to write; default: {out}"
+    )
     return parser
 
 
@@ -228,15 +230,17 @@ def policy_parser(
         default=[],
         required=required,
         metavar="NAME",
-        help=f"a baseline ({named}), 'pretrained', a run's folder, a file of a model or policy, or "
-        "MODULE:FUNCTION for a function that makes a policy; repeat to compare",
+        help=f"a baseline ({named}), 'pretrained', the folder of a run, the file of a model or "
+        "policy, or MODULE:FUNCTION for a function that makes a policy; repeat the flag to compare "
+        "policies",
     )
     add(
         "--env",
         default=DEFAULT,
         type=imported_env_id,
         metavar="ID",
-        help=f"environment: {', '.join(IDS)}, or MODULE:ID; default: %(default)s",
+        help=f"id of the environment: {', '.join(IDS)}, or MODULE:ID to import the module that "
+        "registers it; default: %(default)s",
     )
     add(
         "--env-kwargs",
@@ -245,7 +249,7 @@ def policy_parser(
         metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'",
     )
-    add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
+    add("--seed", type=non_negative_int, default=0, help="seed of the initial states; default: 0")
     return parser
 
 

@@ -29,7 +29,7 @@ def main(arguments: list[str] | None = None) -> None:
         metavar="DIR",
         help="folder for the table and figures",
     )
-    parser.add_argument("--all", action="store_true", help="print the whole table")
+    parser.add_argument("--all", action="store_true", help="print the complete table of claims")
     args = parser.parse_args(arguments)
     start = time.perf_counter()
     out = args.out

@@ -46,31 +46,47 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "--env",
         default=ENVIRONMENTS[0],
         choices=ENVIRONMENTS,
-        help=f"whose robot, terrain and policy it is; default: {ENVIRONMENTS[0]}",
+        help="environment whose robot, terrain and policy the page shows at first; default: "
+        f"{ENVIRONMENTS[0]}",
     )
     add(
         "--robot",
         metavar="NAME|FILE",
         help=f"one of {', '.join(sorted(ROBOTS))}, one of these with a number of legs, such as "
-        "built:12, or a robot file; default: the environment's",
+        "built:12, or a robot file; default: the robot of the environment",
     )
-    add("--terrain", choices=(FLAT, *GENERATORS), help="default: the environment's")
-    add("--level", type=int, default=0, help=f"of the terrain, 0 (default) to {HIGHEST}")
+    add(
+        "--terrain",
+        choices=(FLAT, *GENERATORS),
+        help="kind of terrain; default: the terrain of the environment",
+    )
+    add(
+        "--level",
+        type=int,
+        default=0,
+        help=f"level of the terrain, from 0 to {HIGHEST}; default: 0",
+    )
     add(
         "--policy",
         choices=(*policies, *CONTROLLERS),
-        help=f"walks at your speed command; default: the environment's {pretrained.DEFAULT}, with "
-        "--robot that of the robot, or a constant speed; hand: you turn the crank",
+        help="policy that follows your speed command, or 'hand' to turn the crank yourself; "
+        f"default: the policy {pretrained.DEFAULT} of the environment or, with --robot, a policy "
+        "for the robot, or else a constant crank speed",
     )
-    add("--seed", type=int, default=0, help="another number, another start and ground")
+    add(
+        "--seed",
+        type=int,
+        default=0,
+        help="seed of the initial state and of generated terrain; default: 0",
+    )
     add(
         "--out",
         type=path_flag,
         metavar="FOLDER",
-        help="where the pages are written; default: a temporary folder",
+        help="folder to which the pages are written; default: a temporary folder",
     )
-    add("--bench", action="store_true", help="open the bench, the page to design on")
-    add("--no-open", action="store_true", help="open no browser")
+    add("--bench", action="store_true", help="open the bench, the page for designing legs")
+    add("--no-open", action="store_true", help="do not open a browser")
     args = parser.parse_args(arguments)
     args.parser = parser
     return args

@@ -36,27 +36,28 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         action="append",
         default=[],
         metavar="FILE",
-        help="a saved .npz, or a walk that the page saved, .json; in place of a policy or beside "
-        "one",
+        help="saved recording (.npz), or rollout that the walking page has saved (.json), to show "
+        "instead of a policy or next to one",
     )
     add(
         "--command",
         type=float,
         metavar="V",
-        help="speed or goal; default: the middle of the benchmark's grid",
+        help="commanded speed or goal; default: the middle of the benchmark's grid",
     )
     add(
         "--steps",
         type=positive_int,
         default=MOST_RECORDED,
-        help="most steps of the episode; default: the environment's",
+        help="largest number of steps of the episode; default: the time limit of the environment",
     )
     add(
         "--out",
         type=path_flag,
         default="replay.html",
         metavar="FILE",
-        help="the page, .html; recordings go beside it; default: replay.html",
+        help="page to write (.html); the recordings are written to the same folder; default: "
+        "replay.html",
     )
     args = parse_policies(parser, arguments, "--command")
     args.policy = args.policy or [default_policy(args.env)] * (not args.recording)

@@ -16,7 +16,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """
     parser = Parser(
         "jansen-env verify",
-        "Compare walks of this machine with the published ones, bit for bit.",
+        "Compare walks that this machine simulates with the published ones, bit for bit.",
         "jansen-env verify",
         "jansen-env verify --walk built --walk rough",
     )
@@ -24,7 +24,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "--walk",
         action="append",
         metavar="NAME",
-        help=f"a walk of {', '.join(WALKS)}; repeat for several; default: all",
+        help=f"one of the walks {', '.join(WALKS)}; repeat the flag for several walks; default: "
+        "all walks",
     )
     args = parser.parse_args(arguments)
     for name in args.walk or ():
@@ -34,7 +35,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Walk, and print the hash of each walk beside the published one.
+    """Simulate walks, and print the hash of each walk next to the published one.
 
     Args:
         arguments: Arguments of the command. If None, those of the process.

@@ -124,7 +124,7 @@ def test_a_model_trained_elsewhere(tmp_path):
     [
         (
             {"policy_kwargs": {"net_arch": [8]}},
-            r"it has 9 others, such as features_extractor\.count",
+            r"one with 9 other tensors, such as features_extractor\.count",
         ),
         ({"env": "JansenWalker-v0"}, r"features_extractor\.mean must have the shape"),
         ({"env_kwargs": {"torque_limit": -1}}, "torque_limit must be above 0, got -1"),

@@ -29,7 +29,7 @@ REFUSED = {
         (["--levels", "1", "--robustness"], "--levels cannot be combined with --robustness"),
     ],
     (export, "--to", "c", "--out", "out"): [
-        (["none", "--env", "JansenCrank-v0"], "--env is JansenCrank-v0, but none says itself"),
+        (["none", "--env", "JansenCrank-v0"], "--env must not be given for none, whose files"),
         (["none"], "must be the file of a model"),
         (["pretrained:none"], "policy must be one of"),
         (["pretrained", "--name", "a b"], "name must be a letter"),

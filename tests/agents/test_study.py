@@ -213,7 +213,7 @@ def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
 def test_a_report_of_no_run_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study.main(["--report", "--log-folder", str(tmp_path)])
-    assert "has no run that is finished" in capsys.readouterr().err
+    assert "must contain a finished run" in capsys.readouterr().err
 
 
 def test_intervals_are_over_runs():

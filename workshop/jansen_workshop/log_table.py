@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jansen_env.arrays import Array, Ints
-from jansen_env.checks import LONGEST, listed, shown
+from jansen_env.checks import LONGEST, invalid, listed, shown
 
 DELIMITERS = ";\t,| "  # the first of these characters in the header row separates the cells
 BLANK = {"", "nan", "na", "n/a", "null", "none", "-"}  # cells without a value, in lower case
@@ -160,13 +160,15 @@ def read_table(data: bytes, once: Sequence[str] = ()) -> LogTable:
                 name, value = match.groups()
                 if name in comments and name in once:
                     before = comments[name][0]
-                    raise at_line(number, f"{name} must be given once, is in line {before}, too")
+                    raise at_line(
+                        number, f"{name} must be given only once, got it in line {before}, too"
+                    )
                 comments[name] = number, value
         elif text.strip('";,\t| ') and not re.fullmatch(r'"?sep=.*', text, re.IGNORECASE):
             rows.append((number, text))
     if not rows:
         needed = ", ".join(NEEDED)
-        raise at_line(number, f"the file must have a row of heads ({needed}), and ends without")
+        raise at_line(number, f"the file must have a header row ({needed}), got none")
     (head, text), *rest = rows
     delimiter = next((mark for mark in DELIMITERS if mark in text), ",")
     heads = _heads(head, split_cells(head, text, delimiter))
@@ -188,8 +190,7 @@ def _heads(line: int, cells: list[str]) -> list[str]:
     names = {name.casefold(): name for name in COLUMNS}
     for cell in cells:
         if cell.casefold() not in names:
-            known = f"must be one of {listed(COLUMNS, cell)}"
-            raise at_line(line, f"the column {shown(cell)} is unknown, {known}")
+            raise at_line(line, str(invalid("a column", cell, f"one of {listed(COLUMNS, cell)}")))
     heads = [names[cell.casefold()] for cell in cells]
     quantities = [COLUMNS[name].quantity for name in heads]
     for quantity in quantities:

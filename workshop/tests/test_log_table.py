@@ -115,7 +115,7 @@ def test_current_may_be_blank_beside_torque(right, tmp_path):
 CELL = rf"line {FIRST + 7}: "
 BAD = {
     "unknown unit": (text_of(head=["time_s", "crank_turns", *HEAD[2:]]),
-                     rf"line {FIRST - 1}: the column 'crank_turns' is unknown.*did you mean"),
+                     rf"line {FIRST - 1}: a column must be one of .*, got 'crank_turns'; did you mean"),
     "two columns": (text_of(head=["time_s", "crank_rad", "crank_deg", *HEAD[3:]]),
                     rf"line {FIRST - 1}: crank must have one column, got 2"),
     "no column": (text_of([row[:3] for row in ROWS], HEAD[:3]),
@@ -140,14 +140,14 @@ BAD = {
                 rf"line {FIRST - 1}: the text must be UTF-8"),
     "UTF-16 without a mark": (text_of().encode("utf-16-le"), "line 1: the text must have no null"),
     "half a character": (text_of().encode("utf-16")[:-1], rf"line {FIRST + len(ROWS) - 1}: the t"),
-    "empty": ("", r"line 1: the file must have a row of heads \(time_s, crank_rad or"),
-    "comments only": ("\n".join(COMMENTS), "line 4: the file must have a row of heads"),
+    "empty": ("", r"line 1: the file must have a header row \(time_s, crank_rad or"),
+    "comments only": ("\n".join(COMMENTS), "line 4: the file must have a header row"),
     "no speed": (text_of(comments=["# a walk of Monday"]),
                  "line 2: a comment above must give crank_speed, for example '# crank_speed: 1'"),
     "speed in words": (text_of(comments=["# crank_speed: slow"]), "line 1: crank_speed must be"),
     "slow": (text_of(comments=["# crank_speed: 0.1"]), "line 1: crank_speed must be.*got 0.1"),
     "two speeds": (text_of(comments=["# crank_speed: 2", "# crank_speed: 1"]),
-                   "line 2: crank_speed must be given once, is in line 1, too"),
+                   "line 2: crank_speed must be given only once, got it in line 1, too"),
     "gains": (text_of(comments=["# crank_speed: 2", "# gains: [10, 1"]), "line 2: gains"),
     "mass": (text_of(comments=["# crank_speed: 2", "# mass: -1"]), "line 2: mass must be.*got -1"),
 }  # fmt: skip

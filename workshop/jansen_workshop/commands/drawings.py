@@ -63,28 +63,28 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         type=_sheet,
         default=SHEET,
         metavar="WIDTHxHEIGHT",
-        help="mm; default: %(default)s",
+        help="size of a sheet in mm; default: %(default)s",
     )
     parser.add_argument(
         "--kerf",
         type=float,
         default=0.0,
         metavar="MM",
-        help="width of the cut, that lines make room for; default: 0",
+        help="width of the cut in mm, for which the lines compensate; default: 0",
     )
     parser.add_argument(
         "--fit",
         type=_fit,
         default=(0.0, 0.0, 0.0),
         metavar="PROCESS",
-        help=f"{', '.join(FITS)}; or PRESS,SLIDE,CLEAR, mm that holes are larger "
-        "in diameter; default: 0,0,0",
+        help=f"process that cuts the parts, one of {', '.join(FITS)}; or PRESS,SLIDE,CLEAR, the "
+        "increase of the diameters of these holes in mm; default: 0,0,0",
     )
     parser.add_argument(
         "--as-robot-file",
         type=robot_file,
         metavar="FILE",
-        help="also write the machine that would be cut, to simulate it",
+        help="also write a robot file of the machine as it would be cut, to simulate it",
     )
     args = parser.parse_args(arguments)
     args.parser = parser

@@ -101,20 +101,23 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         "jansen-workshop identify slow.csv fast.csv --robot economy",
     )
     add = parser.add_argument
-    add("logs", nargs="+", metavar="LOG.csv", help="of one machine, at different speeds")
-    add("--robot", help="a design or a robot file; default: the one that the first log names")
+    add("logs", nargs="+", metavar="LOG.csv", help="logs of one machine, at different speeds")
+    add(
+        "--robot",
+        help="name of a design, or a robot file; default: the robot that the first log names",
+    )
     add(
         "--copies",
         type=whole(FEWEST, predict.MOST_COPIES),
         default=512,
-        help="that walk; default: %(default)s",
+        help="number of simulated copies; default: %(default)s",
     )
     add(
         "--out",
         type=robot_file,
         default=Path("identified.json"),
         metavar="FILE",
-        help="robot file of the machine; default: %(default)s",
+        help="robot file of the machine, which is written; default: %(default)s",
     )
     add(
         "--train",
@@ -122,7 +125,8 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         const=0,
         type=positive_int,
         metavar="STEPS",
-        help="then train a policy over the identified ranges; default STEPS: the configuration's",
+        help="then train a policy over the identified ranges for STEPS steps; without STEPS, for "
+        "the number of steps in the configuration",
     )
     args = parser.parse_args(arguments)
     args.parser = parser

@@ -146,7 +146,10 @@ def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) 
         ValueError: If the clock, a gap or the crank speed is implausible.
     """
     if len(lines) < 3:
-        raise at_line(lines[-1] if lines else head, f"3 rows must follow or more, got {len(lines)}")
+        raise at_line(
+            lines[-1] if lines else head,
+            f"the log must have at least 3 rows below the header row, got {len(lines)}",
+        )
     time = columns["time"] - columns["time"][0]
     notes = []
     _check_clock(columns["time"], lines)
@@ -220,7 +223,7 @@ def _check_length(time: Array, speed: float, lines: list[int]) -> None:
     needed = SETTLING + CONTROL_DT * round(measured_time(speed) / CONTROL_DT)
     if time[-1] < needed:
         raise at_line(
-            lines[-1], f"the log must be {needed:.3g} s long or longer, got {time[-1]:.3g} s"
+            lines[-1], f"the log must be at least {needed:.3g} s long, got {time[-1]:.3g} s"
         )
 
 
@@ -342,7 +345,9 @@ def main(arguments: list[str] | None = None) -> None:
         __doc__,
         "jansen-workshop measurements workshop/measurements/*.csv",
     )
-    parser.add_argument("logs", nargs="+", type=Path, metavar="LOG.csv")
+    parser.add_argument(
+        "logs", nargs="+", type=Path, metavar="LOG.csv", help="logs to compare with the predictions"
+    )
     args = parser.parse_args(arguments)
     with parser.refusing():
         print(table([row for path in args.logs for row in published(path)]))

@@ -88,13 +88,13 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         nargs="+",
         default=[1.0, 2.0, 4.0],
         metavar="RAD_PER_S",
-        help="of the crank; default: 1 2 4",
+        help="crank speeds in rad/s; default: 1 2 4",
     )
     parser.add_argument(
         "--copies",
         type=whole(most=MOST_COPIES),
         default=256,
-        help=f"of the machine, at most {MOST_COPIES}; default: 256",
+        help=f"number of simulated copies of the machine, at most {MOST_COPIES}; default: 256",
     )
     args = parser.parse_args(arguments)
     args.parser = parser

@@ -53,7 +53,7 @@ def nest(parts: Sequence[CutPart], sheet: complex) -> list[list[CutPart]]:
         if size.real + MARGIN > sheet.real or size.imag + MARGIN > sheet.imag:
             raise ValueError(
                 f"--sheet must hold {part.name} of {size.real - MARGIN:.0f}x"
-                f"{size.imag - MARGIN:.0f} mm with {MARGIN:g} mm about it, got "
+                f"{size.imag - MARGIN:.0f} mm with a margin of {MARGIN:g} mm on every side, got "
                 f"{sheet.real:g}x{sheet.imag:g}"
             )
         k = next((k for k, (_, at) in enumerate(rows) if (at + size).real <= sheet.real), len(rows))

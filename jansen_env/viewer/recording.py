@@ -139,8 +139,8 @@ class Recording:
             )
         if self.weight.min() < 1e-9:
             raise ValueError(f"weight must be at least 1e-9, got {self.weight.min()}")
-        if (wrong := self.contact[(self.contact < 0) | (self.contact > SLIP)]).size:
-            raise ValueError(f"every entry of contact must be 0, 1 or 2, got {wrong[0]}")
+        if (others := self.contact[(self.contact < 0) | (self.contact > SLIP)]).size:
+            raise ValueError(f"every entry of contact must be 0, 1 or 2, got {others[0]}")
         if len(self.terrain) == 1:
             raise ValueError("terrain must be empty or have at least 2 points, got 1")
         if (narrowest := np.diff(self.terrain[:, 0]).min(initial=np.inf)) <= 0.0:

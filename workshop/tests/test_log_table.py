@@ -115,7 +115,7 @@ def test_current_may_be_blank_beside_torque(right, tmp_path):
 CELL = rf"line {FIRST + 7}: "
 BAD = {
     "unknown unit": (text_of(head=["time_s", "crank_turns", *HEAD[2:]]),
-                     rf"line {FIRST - 1}: a column must be one of .*, got 'crank_turns'; did you mean"),
+                     rf"line {FIRST - 1}: a column must be one of .*, got 'crank_turns'; did you"),
     "two columns": (text_of(head=["time_s", "crank_rad", "crank_deg", *HEAD[3:]]),
                     rf"line {FIRST - 1}: crank must have one column, got 2"),
     "no column": (text_of([row[:3] for row in ROWS], HEAD[:3]),

@@ -422,8 +422,12 @@ def main() -> None:
                 trial for trial in found if (trial["algorithm"], trial["budget"]) == (algo, budget)
             ]
             best = max(own, key=lambda trial: trial["return"])
-            configs[algo, budget] = RunConfig(**best["config"])
-            write_text(chosen / f"{algo}_{budget}.yml", yaml.safe_dump(best["config"]))
+            config = RunConfig(**best["config"])
+            if budget == "90s":  # the trial had half of the budget, and measured what it costs
+                steps = int(config.timesteps * SECONDS * share / 2 / best["seconds"])
+                config = replace(config, timesteps=max(rollout(config), steps))
+            configs[algo, budget] = config
+            write_text(chosen / f"{algo}_{budget}.yml", yaml.safe_dump(asdict(config)))
         runs = [
             pool.submit(train_and_score, job, configs[job.algo, job.budget], args.logs, results)
             for job in planned

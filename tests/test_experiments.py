@@ -23,10 +23,6 @@ SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs
 """Arguments with which experiments with a command line of their own take seconds."""
 IN_MUJOCO = {"closed_loops", "mujoco_witness", "transfer"}
 TRAINING = {"algorithms", "serial_chain"}
-UNPUBLISHED = {
-    "linkages",
-}
-"""Experiments whose pages still show older data."""
 
 
 def run(name: str, *arguments: str | Path, folder: Path) -> None:
@@ -46,8 +42,7 @@ def test_experiment_runs(name: str, tmp_path: Path) -> None:
     files = {path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()}
     written = {path for path in files if path.parts[0] != "logs"}
     assert Path(import_module(name).DATA) in written
-    if name not in UNPUBLISHED:
-        assert all((ROOT / "docs" / path).exists() for path in written)
+    assert all((ROOT / "docs" / path).exists() for path in written)
 
 
 @pytest.mark.slow
@@ -68,7 +63,7 @@ def test_figures_of_the_geometry_are_published(tmp_path: Path) -> None:
         assert (ROOT / "docs" / path.relative_to(tmp_path)).exists()
 
 
-@pytest.mark.parametrize("name", sorted(SCRIPTS - {*SIZES} - UNPUBLISHED))
+@pytest.mark.parametrize("name", sorted(SCRIPTS - {*SIZES}))
 def test_pages_show_the_data(name: str) -> None:
     """Each page has all tables of the data, as they stand, and names the command."""
     if name in IN_MUJOCO:

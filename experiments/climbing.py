@@ -33,7 +33,7 @@ FRICTION = 0.8
 FIRST_SEED = 90_000  # no other part of the project uses these seeds
 ENOUGH = 0.5  # fraction of the walks that must succeed for a size to count as climbed
 BEYOND = 2  # number of sizes beyond the highest level
-ONE_STEP = (0.015, 0.18)  # m, heights of a single step
+ONE_STEP = (0.015, 0.18)  # heights of a single step, in m
 OBSTACLES: tuple[str, ...] = (
     "one step",
     "stairs up",

@@ -46,10 +46,10 @@ from jansen_env.robot.motor import IDEAL
 DATA, PAGE = "closed_loops/closed_loops.json", "closed_loops.md"
 NEWTON = "closed_loops/newton.json"  # written by experiments/newton_loops.py
 
-SWING_SPEED = 10.0  # rad/s, initial crank speed of the swing
+SWING_SPEED = 10.0  # initial crank speed of the swing, in rad/s
 SWING_TIME = 1.0  # s
 SWING_SAMPLES = 50
-REFERENCE_STEP = 2e-5  # s, time step of the projection backend for the reference of the swing
+REFERENCE_STEP = 2e-5  # time step of the projection backend for the reference of the swing, in s
 SQUEEZER_SAMPLES = 100
 BELOW = Terrain(((-100.0, -5.0), (100.0, -5.0)))
 """Ground that the legs of a fixed chassis do not reach, in the rigid-body backend."""

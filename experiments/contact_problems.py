@@ -22,7 +22,7 @@ from jansen_env.engine.contact_solver import COMPLIANCE, STICK, problem, regular
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot.kinematics import joint_positions
 
-CRANK = 2.75  # angle of the locked crank, rad
+CRANK = 2.75  # angle of the locked crank, in rad
 
 
 class Body(NamedTuple):
@@ -125,7 +125,7 @@ class Rolling(NamedTuple):
 
 
 DISC_RADIUS = 0.2  # m
-DISC_MASS = 100.0  # kg: heavy, so that the leg changes little
+DISC_MASS = 100.0  # in kg; the disc is heavy, so that the leg changes little
 DISC_FRICTION = 0.3
 DISC_STEP = 1e-3  # s
 DISCS = {  # initial speed (m/s) and spin (rad/s, positive anticlockwise)
@@ -227,11 +227,11 @@ class Rod(NamedTuple):
     spin: float
 
 
-ROD_HALF = 0.5  # half the length of the rod, m
+ROD_HALF = 0.5  # half the length of the rod, in m
 ROD_MASS = 20.0  # kg
-ROD_TILT = math.atan(0.5)  # angle between the rod and the vertical, rad: the worst one
-ROD_SPEED = 1.0  # m/s, at which the rod slides
-ROD_FOOT = 1e-8  # radius of its end, m: nearly a point
+ROD_TILT = math.atan(0.5)  # worst angle between the rod and the vertical, in rad
+ROD_SPEED = 1.0  # speed at which the rod slides, in m/s
+ROD_FOOT = 1e-8  # radius of the end of the rod, in m: nearly a point
 ROD_STEP = 1e-7  # s
 
 
@@ -280,9 +280,9 @@ class Rocking(NamedTuple):
     ratio: float
 
 
-BLOCK_ANGLE = 0.02  # tilt at which the block is released, rad
-BLOCK_STEPS = 1e-4, 2e-5  # time steps, s
-PAD = 1e-5  # radius of its two feet, m: nearly points
+BLOCK_ANGLE = 0.02  # tilt at which the block is released, in rad
+BLOCK_STEPS = 1e-4, 2e-5  # time steps, in s
+PAD = 1e-5  # radius of the two feet, in m: nearly points
 
 
 def block() -> Robot:
@@ -369,12 +369,12 @@ class Toy(NamedTuple):
     sleeve_inertia: float = 5e-9  # kg m^2
     bird_mass: float = 0.0045  # kg
     bird_inertia: float = 7e-7  # kg m^2
-    stiffness: float = 0.0056  # stiffness of the torsion spring, N m/rad
+    stiffness: float = 0.0056  # stiffness of the torsion spring, in N m/rad
     pole_radius: float = 0.0025  # m
-    hole_radius: float = 0.0031  # radius of the hole in the sleeve, m
-    sleeve_height: float = 0.0058  # half the height, m
-    spring_arm: float = 0.010  # from the sleeve to the spring, m
-    bird_arm: float = 0.015  # from the spring to the bird, m
+    hole_radius: float = 0.0031  # radius of the hole in the sleeve, in m
+    sleeve_height: float = 0.0058  # half the height of the sleeve, in m
+    spring_arm: float = 0.010  # distance from the sleeve to the spring, in m
+    bird_arm: float = 0.015  # distance from the spring to the bird, in m
     beak_height: float = 0.020  # m
     beak_length: float = 0.0201  # m
     friction: float = 0.3
@@ -383,8 +383,8 @@ class Toy(NamedTuple):
 
 TOY_START = (0.0, -0.1036, -0.2788), (-0.3411, 0.0, -7.4583)  # published position and velocity
 TOY_STEP = 2e-5  # s
-TOY_PERIOD = 0.1452  # published period of the limit cycle, s
-TOY_EVENTS_PERIOD = 0.145976  # the same by an event-driven solution (test_woodpecker.py), s
+TOY_PERIOD = 0.1452  # published period of the limit cycle, in s
+TOY_EVENTS_PERIOD = 0.145976  # period by an event-driven solution (test_woodpecker.py), in s
 TOY_JAM = 0.285  # published least friction at which the sleeve jams
 # Position at 0.29998 s in the reference file of Siconos (examples/mechanics/Woodpecker), from the
 # same start with the same time step.

@@ -24,7 +24,7 @@ from jansen_env.plants.plant import ProjectionPlant
 DATA, PAGE = "performance/convergence.json", "performance/convergence.md"
 TIME_STEPS = (1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3)  # s
 FINEST = 1e-3 / 32.0  # s
-DEFAULT = 1e-3  # s, the time step of the environments
+DEFAULT = 1e-3  # time step of the environments, in s
 GROUNDS: dict[str, tuple[Callable[[], Robot], float]] = {
     "`paper`, rigid feet, friction 0.3": (ROBOTS["paper"], 0.3),
     "`paper`, rigid feet, friction 0.8": (ROBOTS["paper"], 0.8),
@@ -32,9 +32,9 @@ GROUNDS: dict[str, tuple[Callable[[], Robot], float]] = {
 }
 """Robots and friction coefficients."""
 CRANK_SPEED = 2.7  # rad/s
-GAIN, BIAS = 10.0, 4.0  # N m s/rad and N m, of the paper's robot
-CONTROL_DT = 0.02  # s for which a torque is held
-DURATION, EARLY = 4.0, 1.0  # s, of a walk, and the time after which positions are compared
+GAIN, BIAS = 10.0, 4.0  # gains for the paper's robot, in N m s/rad and N m
+CONTROL_DT = 0.02  # time for which a torque is held, in s
+DURATION, EARLY = 4.0, 1.0  # duration of a walk, and time after which positions are compared, in s
 MEANS = ("distance", "slip", "work")
 
 

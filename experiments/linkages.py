@@ -46,13 +46,13 @@ LINKAGES = {
     "strider": "Strider",
 }
 SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)  # m/s
-SHOWN_COSTS = (0.1, 0.3, 0.5, 0.7)  # m/s, speeds of the costs in the table
-SHOWN_SPEED = 0.5  # m/s, speed of the other columns
+SHOWN_COSTS = (0.1, 0.3, 0.5, 0.7)  # speeds of the costs in the table, in m/s
+SHOWN_SPEED = 0.5  # speed of the other columns, in m/s
 WATCHED = 2  # walks at each speed whose heave and pin forces are measured
 FIRST_SEED = 120_000  # no other part of the project uses these seeds
 STEPS: tuple[float, ...] = (0.02, 0.03, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3)  # m
 STEP_SPEEDS = (0.4, 0.5, 0.6, 0.7)  # m/s
-STEP_GAP = (0.1, 0.5)  # m, range of the distance of the foremost toe from the step at the start
+STEP_GAP = (0.1, 0.5)  # range of the distance of the foremost toe from the step at the start, in m
 LOSSES = ("joint_loss", "slip_loss", "impact_loss")
 
 

@@ -35,9 +35,9 @@ UNITS = np.array([1.0, 1.0, 1.0, 1.0, *[0.3] * (2 * HARMONICS)])
 """Changes of the parameters of a profile that are of comparable size."""
 SPREAD = 0.3  # initial standard deviation of the search, in these units
 POPULATION, STARTS = 16, 4  # candidates per generation; episodes per candidate
-HORIZON = 10.0  # s, time limit of an episode
-SLACK = 0.01  # m/s, error of the mean speed that costs nothing
-SPEED_COST = 200.0  # per m/s of error beyond that
+HORIZON = 10.0  # time limit of an episode, in s
+SLACK = 0.01  # error of the mean speed that costs nothing, in m/s
+SPEED_COST = 200.0  # cost per m/s of error beyond SLACK
 FALL_COST = 20.0
 UNSUPPORTED_COST = 4.0  # a tenth of the time in the air costs as much as 0.4 weights of load
 FIRST_SEED = 40_000  # no other part of the project uses these seeds

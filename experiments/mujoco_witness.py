@@ -26,12 +26,16 @@ from jansen_env.plants.rigid.bodies import poses
 
 DATA, PAGE = "validation/mujoco.json", "validation/mujoco.md"
 LINKAGES: tuple[str, ...] = ("paper", "klann", "chebyshev", "trotbot", "strider")
-TORQUE = 10.0  # N m, in the air
-AIR = ((4e-4, 1e5), (2e-4, 1e6), (1e-4, 1e7))  # time steps, s, and stiffnesses of loops, 1/s^2
-HELD_STEP = 1e-5  # s, time step of the projection backend with a fixed chassis
-STIFFNESS = 2e4  # N/m, of pads that are springs
-DAMPING = 60.0  # N s/m, of these pads
-VISCOSITY = 600.0  # N s/m, of these pads along the ground
+TORQUE = 10.0  # torque in the air, in N m
+AIR = (
+    (4e-4, 1e5),
+    (2e-4, 1e6),
+    (1e-4, 1e7),
+)  # time steps, in s, and stiffnesses of loops, in 1/s^2
+HELD_STEP = 1e-5  # time step of the projection backend with a fixed chassis, in s
+STIFFNESS = 2e4  # stiffness of pads that are springs, in N/m
+DAMPING = 60.0  # damping of these pads, in N s/m
+VISCOSITY = 600.0  # damping of these pads along the ground, in N s/m
 STARTS: tuple[tuple[float, float, float], ...] = (
     (0.0, DAMPING, 2e-4),
     (0.0, DAMPING, 1e-4),
@@ -42,7 +46,7 @@ STARTS: tuple[tuple[float, float, float], ...] = (
 """Friction, damping of the pads in N s/m, and time step in s, of the first half second."""
 CRANK_SPEED, FRICTION = 4.0, 0.3  # rad/s; friction coefficient of the walks
 DIFFERENCES = ("pads", "simulation", "compared with")
-RIGID_PADS = {1e5: 2e-4, 1e6: 1e-4, 1e7: 4e-5}  # stiffness of contacts, 1/s^2: time step, s
+RIGID_PADS = {1e5: 2e-4, 1e6: 1e-4, 1e7: 4e-5}  # stiffness of contacts, 1/s^2: time step, in s
 
 
 def in_the_air(name: str, time_step: float, stiffness: float) -> tuple[float, float]:

@@ -53,10 +53,10 @@ from jansen_env.robot import Spring
 from jansen_env.robot.kinematics import coordinates
 
 SIMULATOR = "Newton 1.8, SolverKamino"
-RAIL = 1e-3  # kg, mass of the two bodies that let the chassis move in the plane
-SWING_TIME = 0.2  # s, shorter than elsewhere
-SETTLE = 1.0  # s of walking that are not measured
-WALK_TIME = 0.5 * math.pi  # s, two half turns of the crank
+RAIL = 1e-3  # mass of the two bodies that let the chassis move in the plane, in kg
+SWING_TIME = 0.2  # duration of the swing, which is shorter than in closed_loops.py, in s
+SETTLE = 1.0  # time of walking that is not measured, in s
+WALK_TIME = 0.5 * math.pi  # two half turns of the crank, in s
 
 
 class Setting(NamedTuple):

@@ -31,10 +31,12 @@ from jansen_env.robot import JANSEN
 from jansen_env.robot.zoo import ZOO
 
 DATA, PAGE = "validation/plants.json", "validation/plants.md"
-SETTLE, DURATION = 1.0, 2.0  # s, the part of a walk before the measurement, and the measured part
+SETTLE, DURATION = 1.0, 2.0  # time of a walk before the measurement, and measured time, in s
 ALLOWED = 0.05  # relative difference of distance and cost of transport up to which walks agree
-SAME_STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # rad, crank angles of nearly the same start
-OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all repeats
+SAME_STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # crank angles of nearly the same start, in rad
+OTHER_STARTS = tuple(
+    math.pi * k / 12.0 for k in range(12)
+)  # in rad; after half a turn, all repeats
 VERDICTS = "agree", "other gait", "differ", "chaotic", "falls at times", "falls in both"
 PADS = Compliance(5e4, 60.0, 3e4, 40.0)
 SLENDER = paper_robot().with_slender_inertias()

@@ -40,7 +40,7 @@ METRICS = {
     "rms_torque": 1,
 }
 """Metrics of the table, and the number of decimals."""
-SHOWN: tuple[float, ...] = (0.05, 0.1, 0.3)  # m/s, commands of the figure
+SHOWN: tuple[float, ...] = (0.05, 0.1, 0.3)  # commands of the figure, in m/s
 WALKS, STEPS, SETTLING_STEPS = 48, 500, 100  # walks per column of the figure, and their steps
 BINS = 120  # bins of the crank angle
 LOADED = 0.01  # normal force, divided by the weight, from which a toe counts as standing

@@ -61,7 +61,7 @@ Solution = TypeVar("Solution")
 # Set for Initial Value Problem Solvers", release 2.4 (2008), problem ANDREWS, which follows W.
 # Schiehlen (ed.), "Multibody Systems Handbook" (1990).
 SQUEEZER_TIME = 0.03  # s
-SQUEEZER_TORQUE = 0.033  # N m, on K1
+SQUEEZER_TORQUE = 0.033  # torque on K1, in N m
 SQUEEZER_START = -0.0617138900142764496358948458001  # angle beta of K1
 SQUEEZER_END = 15.81077119629904  # angle beta at SQUEEZER_TIME
 SQUEEZER_SPEED = 1139.920302151208  # rate of beta at SQUEEZER_TIME
@@ -69,8 +69,8 @@ SQUEEZER_SPEED = 1139.920302151208  # rate of beta at SQUEEZER_TIME
 # IFToMM A02, the N-four-bar mechanism: N windows of uniform bars of 1 m and 1 kg.
 # https://www.iftomm-multibody.org/benchmark/problem/N_four-bar_mechanism
 FOUR_BAR_TIME = 10.0  # s
-FOUR_BAR_SPEED = -1.0  # initial rate of the upright cranks, rad/s
-FOUR_BAR_END = 0.3284581115, 0.9445185382  # end of the first crank of two windows at 10 s, m
+FOUR_BAR_SPEED = -1.0  # initial rate of the upright cranks, in rad/s
+FOUR_BAR_END = 0.3284581115, 0.9445185382  # end of the first crank of two windows at 10 s, in m
 
 
 def squeezer() -> Robot:

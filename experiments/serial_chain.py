@@ -36,13 +36,13 @@ RUNS = Path("logs/serial_chain")
 ENV = "JansenWalkerBuilt-v0"
 COMMANDS = (0.1, 0.3, 0.5, 0.7)  # m/s
 SEED = 100  # seed of the episodes in which policies are compared
-PROFILE_COMMAND = 0.3  # m/s, for which profiles are searched
+PROFILE_COMMAND = 0.3  # command for which profiles are searched, in m/s
 POPULATION, GENERATIONS = 20, 12  # candidates per generation; number of generations
 SEARCH_STEPS, EPISODE_STEPS = 200, 500  # control steps of a search and of a test
-GAIN = 3.0  # N m s/rad, gain of the crank speed with which the search begins
+GAIN = 3.0  # gain of the crank speed with which the search begins, in N m s/rad
 PROFILE_EPISODES = 32  # episodes in which a profile is tested
 STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
-MASSLESS = 1e-9  # kg, mass of a link that a model leaves out
+MASSLESS = 1e-9  # mass of a link that a model leaves out, in kg
 CONTROLLERS = ("pretrained", "pretrained:robust", "profile", "pid")
 """Controllers that were trained or tuned on the closed linkage."""
 TURN = np.linspace(0.0, 2.0 * math.pi, 256, endpoint=False)

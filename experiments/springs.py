@@ -41,14 +41,14 @@ ENV = "JansenWalkerBuilt-v0"
 NAMES = ("built", "stroller", "climber")
 SPEED = 0.3  # m/s
 COMMANDS = (0.1, 0.3, 0.5)  # m/s
-HOLD = 0.02  # control period, s
+HOLD = 0.02  # control period, in s
 SETTLING, TURNS = 2, 6  # turns of the crank before the record, and in it
 ANGLES = 720  # crank angles at which springs are evaluated
-MOST_FORCE = 60.0  # largest force of a spring, N
+MOST_FORCE = 60.0  # largest force of a spring, in N
 LEAST_STIFFNESS = 1.0  # N/m
 REST_LENGTHS = 21  # number of rest lengths that are tried for the smallest RMS torque
-ROOM = 0.03  # smallest length of a spring, m
-ANCHORS = np.linspace(-0.4, 0.4, 9)  # x and y of the ends on the chassis, m
+ROOM = 0.03  # smallest length of a spring, in m
+ANCHORS = np.linspace(-0.4, 0.4, 9)  # x and y of the ends on the chassis, in m
 METRICS = {
     "peak_torque": "peak torque, N m",
     "rms_torque": "RMS torque, N m",

@@ -13,8 +13,8 @@ from jansen_env.plants.plant import Plant
 from jansen_env.policies.pid import PID
 from jansen_env.policies.policy import PAPER_PID
 
-CONTROL_DT = 0.02  # s for which a torque is held
-SETTLE = 2.0  # s of walking that are not measured
+CONTROL_DT = 0.02  # time for which a torque is held, in s
+SETTLE = 2.0  # time of walking that is not measured, in s
 
 
 class Walked(NamedTuple):

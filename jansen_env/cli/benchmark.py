@@ -222,9 +222,9 @@ def _reproduce(published: Result, chosen: Sequence[str] | None) -> None:
                 "policy with --policy"
             )
         needed = published.tracks[track].sha256
-        if (found := policy_sha256(name, env_id)) != needed:
+        if (digest := policy_sha256(name, env_id)) != needed:
             raise ValueError(
-                f"the policy {name!r} must have the SHA-256 {needed}, got {found} in this version "
+                f"the policy {name!r} must have the SHA-256 {needed}, got {digest} in this version "
                 "of the package"
             )
     found = run_tracks(names, chosen or [*names])

@@ -30,9 +30,9 @@ NEAR = 0.1
 CLOSE = 0.05  # largest relative difference that counts as "constant" or "around"
 ROUGHLY = 0.25  # largest relative difference that counts as "roughly constant"
 CLEARLY = 0.9  # largest ratio of two heaves for which the first counts as clearly smaller
-NONE = 1e-6  # largest slip per metre walked that counts as none, m
+NONE = 1e-6  # largest slip per metre walked that counts as none, in m
 SINGULAR = 1e-9  # largest singular value that counts as 0
-ROUNDING = 1e-15  # distance below which the digits depend on the processor, m
+ROUNDING = 1e-15  # distance below which the digits depend on the processor, in m
 
 
 class Claim(NamedTuple):

@@ -23,7 +23,7 @@ from jansen_env.robot.kinematics import O, P, T, toe_positions, world_joints
 
 DPI = 130
 NARROW = 5.6  # in, width of figures with several panels, so that phones show readable text
-FLOOR = 1e-4  # slip per metre at which a walk without slip is drawn on a logarithmic axis, m
+FLOOR = 1e-4  # slip per metre at which a walk without slip is drawn on a logarithmic axis, in m
 LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"}
 LINK_COLORS = {
     f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1)) for body in range(1, 9)

@@ -16,11 +16,11 @@ from jansen_env.policies.pid import PID
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
-START = math.pi  # crank angle and reference at time 0, rad
+START = math.pi  # crank angle and reference at time 0, in rad
 DURATION = 10.0  # s
-SAMPLING = 0.01  # sampling time of the controller, which holds the torque in between, s
-TIME_STEP = 1e-4  # time step of the integration, which divides SAMPLING, s
-SETTLED = 3.0  # time from which on the motion is treated as periodic, s
+SAMPLING = 0.01  # sampling time of the controller, which holds the torque in between, in s
+TIME_STEP = 1e-4  # time step of the integration, which divides SAMPLING, in s
+SETTLED = 3.0  # time from which on the motion is treated as periodic, in s
 
 
 class Run(NamedTuple):

@@ -13,16 +13,16 @@ from jansen_env.robot import Bar, Robot, paper_robot
 
 ANGLES = 360  # number of crank angles per turn
 LONG = 80.0  # duration of the long PID run, s; the start dies out with kp / ki = 10 s
-RIPPLE = 40.0  # duration of a run at constant torque with a fixed chassis, s
-SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)  # crank speeds of walks, rad/s
-WALK = 75.0  # duration of each of these walks, s
-SLOW = 0.25  # crank speed at which the effects of inertia are negligible, rad/s
+RIPPLE = 40.0  # duration of a run at constant torque with a fixed chassis, in s
+SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)  # crank speeds of walks, in rad/s
+WALK = 75.0  # duration of each of these walks, in s
+SLOW = 0.25  # crank speed at which the effects of inertia are negligible, in rad/s
 FRICTIONS = (0.2, 0.4, 0.525, 0.6, 0.8)  # coefficients of friction of the slow walks
 NO_SLIP = (4.0, 2.5)  # crank speed (rad/s) and initial crank angle (rad) of a walk without slip
 LOADS = tuple((speed, mu) for speed in (1.0, 3.5) for mu in (0.3, 0.5, 0.8))
 """Crank speed in rad/s and coefficient of friction of each walk whose joint forces are computed."""
-TORQUES = (0.5, 1.0, 1.562, 3.0, 6.0)  # constant torques with a fixed chassis, N m
-WALKING_TORQUES = (3.0, 4.0, 5.0, 6.0, 8.0)  # constant torques of walks, N m
+TORQUES = (0.5, 1.0, 1.562, 3.0, 6.0)  # constant torques with a fixed chassis, in N m
+WALKING_TORQUES = (3.0, 4.0, 5.0, 6.0, 8.0)  # constant torques of walks, in N m
 
 
 class Results(NamedTuple):

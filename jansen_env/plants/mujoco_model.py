@@ -30,7 +30,7 @@ from jansen_env.terrain import Terrain
 
 STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp with the largest impedance in MuJoCo
 SPRING = (1e-4, 1e-4, 0.001, 0.5, 2.0)  # solimp with the smallest: a contact is a spring and damper
-THICKNESS = 0.004  # radius of the links as drawn, m
+THICKNESS = 0.004  # radius of the links as drawn, in m
 
 
 class Tree(NamedTuple):

@@ -21,7 +21,7 @@ from jansen_env.terrain.generators import HIGHEST
 from jansen_env.uniform import uniform
 
 LARGEST = 1e6  # largest coefficient of friction, mass in kg and position in m
-LONGEST_DELAY = 1.0  # longest delay of an action, s
+LONGEST_DELAY = 1.0  # longest delay of an action, in s
 LOUDEST = 1e3  # largest factor of noise and pushes
 SCALE = (0.01, 100.0)  # limits of factors that must be positive
 FROM_0 = (0.0, 100.0)  # limits of factors that may be 0

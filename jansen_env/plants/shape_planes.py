@@ -20,9 +20,9 @@ from jansen_env.engine import mathematics
 from jansen_env.engine.collision import FACE, SAME
 from jansen_env.terrain.shapes import Ground, Piece, Shapes
 
-TOUCHING = 1e-8  # largest distance of a point that lies on a shape, m
-BESIDE = 1e-7  # distance from a corner, to either side, at which a profile is sampled, m
-GAP = 1e-6  # least height of air between shapes that makes an overhang, m
+TOUCHING = 1e-8  # largest distance of a point that lies on a shape, in m
+BESIDE = 1e-7  # distance from a corner, to either side, at which a profile is sampled, in m
+GAP = 1e-6  # least height of air between shapes that makes an overhang, in m
 ARC = 24  # number of samples of a profile over a round shape
 EVERY = pymunk.ShapeFilter()  # filter that accepts every shape
 

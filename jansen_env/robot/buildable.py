@@ -17,36 +17,36 @@ import numpy as np
 from jansen_env.arrays import Rows
 from jansen_env.engine import link_shapes
 
-DENSITY = 2700.0  # kg/m^3, EN AW-6060
-STIFFNESS = 69e9  # modulus of elasticity of EN AW-6060, Pa
+DENSITY = 2700.0  # density of EN AW-6060, in kg/m^3
+STIFFNESS = 69e9  # modulus of elasticity of EN AW-6060, in Pa
 BAR_THICKNESS = 5e-3  # m
 LOWER_ROD_THICKNESS = 6e-3  # m
 PLATE_THICKNESS = 4e-3  # m
-WIDTH = 15e-3  # width of the flat bars of a link, m
-FRAME_WIDTH = 30e-3  # width of the flat bars of the frame, m
+WIDTH = 15e-3  # width of the flat bars of a link, in m
+FRAME_WIDTH = 30e-3  # width of the flat bars of the frame, in m
 OUTLINE = 1.1  # size of a plate's outline, relative to its pins
 WINDOW = 0.9  # size of a plate's hole, relative to its pins
-PIN_SHARE = 8e-3  # mass at each end of a link: its share of a pin, bearing and spacer, kg
+PIN_SHARE = 8e-3  # mass at each end of a link: its share of a pin, bearing and spacer, in kg
 PIN_RADIUS = 3e-3  # m
 BEARING_FRICTION = 0.11  # friction coefficient of iglidur J200
 
 # Point masses at the joints O and P. The mass of the battery is such that both joints carry the
 # same mass.
-MOTOR_MASS = 0.485  # T-Motor AK80-6, kg
-MOTOR_PLATE_MASS = 0.077  # plate of 100 x 100 x 4 mm with a hole of 60 mm, kg
-CRANKSHAFT_MASS = 0.183  # 160 mm of 12 mm steel and four hubs of 25 x 10 mm, kg
-CROSS_MEMBER_MASS = 0.061  # tube of 20 x 2 mm, 200 mm long, at each of the two joints P, kg
+MOTOR_MASS = 0.485  # mass of a T-Motor AK80-6, in kg
+MOTOR_PLATE_MASS = 0.077  # plate of 100 x 100 x 4 mm with a hole of 60 mm, in kg
+CRANKSHAFT_MASS = 0.183  # 160 mm of 12 mm steel and four hubs of 25 x 10 mm, in kg
+CROSS_MEMBER_MASS = 0.061  # tube of 20 x 2 mm, 200 mm long, at each of the two joints P, in kg
 AXIS_MASS = MOTOR_MASS + MOTOR_PLATE_MASS + CRANKSHAFT_MASS
 BATTERY_MASS = AXIS_MASS - 2.0 * CROSS_MEMBER_MASS  # includes the controller and the cables
 
-FOOT_RADIUS = 20e-3  # radius of the half-round tread, which is bonded at its flat side, m
+FOOT_RADIUS = 20e-3  # radius of the half-round tread, which is bonded at its flat side, in m
 FOOT_WIDTH = 30e-3  # m
 RUBBER_DENSITY = 1000.0  # kg/m^3
 RUBBER_HARDNESS = 60.0  # Shore A
-FOOT_STIFFNESS = 1.28e5, 5.1e4  # normal and tangential secant stiffness at 530 N, N/m
+FOOT_STIFFNESS = 1.28e5, 5.1e4  # normal and tangential secant stiffness at 530 N, in N/m
 FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
 TREAD_MASS = 0.5 * math.pi * FOOT_RADIUS * FOOT_RADIUS * FOOT_WIDTH * RUBBER_DENSITY
-SHOE_MASS = 13e-3  # plate of 40 x 30 x 3 mm and two M4 screws, kg
+SHOE_MASS = 13e-3  # plate of 40 x 30 x 3 mm and two M4 screws, in kg
 FOOT_MASS = TREAD_MASS + SHOE_MASS
 
 

@@ -33,7 +33,7 @@ P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' n
 
 TURN_SAMPLES = 720  # number of crank angles per turn
 STANCE = 0.01  # greatest height of a toe in stance above the ground, divided by the standing height
-TINY_TURN = 1e-6  # change of the crank angle for difference quotients, rad
+TINY_TURN = 1e-6  # change of the crank angle for difference quotients, in rad
 
 
 class LinkageError(ValueError):

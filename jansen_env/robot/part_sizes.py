@@ -12,7 +12,7 @@ from jansen_env.robot import Robot, buildable
 from jansen_env.robot.buildable import ALUMINIUM, Build
 from jansen_env.robot.linkage import CRANK, FRAME
 
-MARGIN = 5.0  # mm, distance between parts, and from a part to the edge of a sheet
+MARGIN = 5.0  # distance between parts, and from a part to the edge of a sheet, in mm
 M3 = 1.6  # radius of a hole for an M3 screw
 SHOE_SCREW = 2.25  # radius of a hole for an M4 screw
 WALL = 1.5  # least width of material between two holes; a window needs twice this width

@@ -21,7 +21,7 @@ from jansen_env.robot.robot import Robot
 SAMPLES = 180  # number of crank angles per turn
 CHECKED = 1024  # number of robots whose results are cached
 HEIGHTS = 0.05, 5.0  # plausible heights of a crank axis: from a tenth to ten times 0.5 m
-DENSITIES = 0.2, 2000.0  # plausible mass of a leg divided by the cube of that height, kg/m^3
+DENSITIES = 0.2, 2000.0  # plausible mass of a leg divided by the cube of that height, in kg/m^3
 FARTHEST_PAYLOAD = 10.0  # plausible distance of a payload from the crank axis, divided by height
 LARGEST_PAD = 0.5  # plausible radius of a pad, divided by height
 UNITS = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}  # m

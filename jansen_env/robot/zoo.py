@@ -24,7 +24,7 @@ Place = tuple[float, float]
 Body = dict[str, Place]
 """Names and positions of the joints of a body."""
 
-DAMPING = 0.1  # viscous coefficient of every pin, as in the paper's Table 1, N m s/rad
+DAMPING = 0.1  # viscous coefficient of every pin, as in the paper's Table 1, in N m s/rad
 
 
 def robot_from_joints(

@@ -17,7 +17,7 @@ from jansen_env.terrain.ground import FARTHEST, MOST_POINTS, Terrain, make_terra
 
 FRICTION = 0.8  # coefficient for shapes that have pymunk's default of 0
 LEAST_AREA = 1e-9  # smallest area of a polygon, m^2
-DEPTH = 1.0  # depth of polygons under a height line below its lowest point, m
+DEPTH = 1.0  # depth of polygons under a height line below its lowest point, in m
 
 Point: TypeAlias = tuple[float, float]
 ShapeSource: TypeAlias = pymunk.Space | Sequence[pymunk.Shape]

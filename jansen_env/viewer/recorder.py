@@ -69,7 +69,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         self._frames: dict[str, list[Any]] = {}
         self._episode: Values = {}  # values that do not change during the episode
         self._shape: tuple[object, ...] = ()
-        self._time = 0.0  # s, at the end of the last step, even if it is not recorded
+        self._time = 0.0  # time at the end of the last step, even if it is not recorded, in s
         self._most: int | None = None  # number of steps to record, known after the first step
 
     @property

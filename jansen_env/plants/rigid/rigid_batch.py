@@ -122,7 +122,7 @@ class GearedRotor:
         matrices = [motion.mass_matrix for motion in turn_motions(robot)]
         yielding = max(float(twist @ np.linalg.solve(matrix, twist)) for matrix in matrices)
         inverse = 1.0 / self.inertia + yielding
-        self.stiffness = (TWIST / time_step) ** 2 / inverse  # N m/rad, at the rotor
+        self.stiffness = (TWIST / time_step) ** 2 / inverse  # measured at the rotor, in N m/rad
         self.damping = 2.0 * TWIST_DAMPING * TWIST / time_step / inverse
         self.angle = self.speed = self.torque = self.energy = self.loss = 0.0
 
@@ -206,8 +206,8 @@ class LooseRotor(GearedRotor):
     def __init__(self, robot: Robot, time_step: float, backlash: float) -> None:
         super().__init__(robot, time_step)
         self.slack = 0.5 * self.ratio * backlash
-        self._dry = robot.motor.friction / self.ratio  # N m, at the rotor
-        self._viscous = robot.motor.viscous_friction / self.ratio**2  # N m s/rad, at the rotor
+        self._dry = robot.motor.friction / self.ratio  # measured at the rotor, in N m
+        self._viscous = robot.motor.viscous_friction / self.ratio**2  # measured at the rotor, in N m s/rad
         self._excess = self._stator = self._resisting = self._relative = 0.0
 
     def start(self, motion: Array) -> None:

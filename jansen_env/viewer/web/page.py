@@ -27,7 +27,7 @@ MOST_RECORDINGS = 2
 MAX_BYTES = 2**26  # largest size of the recordings in a page; browsers open larger pages slowly
 SINGLE_NUMBERS = 15  # values per frame besides joints and toes: time, pose, speeds, ...
 VERTEX_BYTES = 52  # largest size of a vertex of the terrain as JSON
-SEEN = 30.0  # m, length of terrain included beyond either end of the rollout
+SEEN = 30.0  # length of terrain included beyond either end of the rollout, in m
 LONGEST_TEXT = 500  # largest number of characters in the line under the title
 FRAME_HEIGHT = 760  # height of a page in a notebook, in pixels
 

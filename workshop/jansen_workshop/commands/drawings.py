@@ -20,9 +20,9 @@ from jansen_workshop.drawings.materials import machine
 from jansen_workshop.drawings.outlines import FITS
 from jansen_workshop.drawings.sheets import drawings
 
-SHEET = "2000x1000"  # mm, a common stock size
-WIDEST_KERF = 2.0  # mm; the smallest holes have a diameter of 3.2 mm
-WIDEST_FIT = 0.5  # mm on a diameter; the smallest pins have a diameter of 3 mm
+SHEET = "2000x1000"  # common stock size, in mm
+WIDEST_KERF = 2.0  # in mm; the smallest holes have a diameter of 3.2 mm
+WIDEST_FIT = 0.5  # in mm, on a diameter; the smallest pins have a diameter of 3 mm
 
 
 def _sheet(text: str) -> complex:

@@ -37,16 +37,16 @@ from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
 
 ENV = "JansenWalkerBuilt-v0"
-WALKED = 8.0  # s, approximate measured time
-STOPPED = 2.0  # s, time with the crank stopped
+WALKED = 8.0  # approximate measured time, in s
+STOPPED = 2.0  # time with the crank stopped, in s
 WITHIN = {
     "friction": (0.5, 1.0),  # friction between feet and ground
     "mass": (0.97, 1.03),  # factor on the masses of all links
-    "lengths": (-3e-4, 3e-4),  # m, error of each length, independent of the others
+    "lengths": (-3e-4, 3e-4),  # error of each length, independent of the others, in m
     "bearings": (0.5, 1.5),  # factor on the friction of the bearings
     "feet": (0.5, 1.5),  # factor on the stiffness of the feet
     "battery": (0.9, 1.1),  # factor on the voltage of the battery
-    "start": (0.0, math.pi),  # rad, crank angle; after half a turn the legs have swapped roles
+    "start": (0.0, math.pi),  # crank angle, in rad; after half a turn the legs have swapped roles
 }
 """Limits of the uniform distribution of each uncertain parameter."""
 UNITS = {
@@ -61,13 +61,13 @@ Torques are magnitudes. The peaks of torque and load are exceeded in 1 % of the 
 last 20 ms. The duty factor is the fraction of these steps in which a foot carries load. The start
 consists of the first 2 s.
 """
-STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights of steps to climb
-STEP_AT = 0.7  # m, position of the step
-BEYOND = 1.3  # m, position from which on the step counts as climbed
-FAR = 2.0  # m, distance that a robot which does not slip walks
+STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # heights of steps to climb, in m
+STEP_AT = 0.7  # position of the step, in m
+BEYOND = 1.3  # position from which on the step counts as climbed, in m
+FAR = 2.0  # distance that a robot which does not slip walks, in m
 INFO = "x_position", "crank_angle", "crank_torque", "pitch", "fallen"
-SLOWEST = 0.5  # rad/s, lowest crank speed
-FASTEST = 10.0  # rad/s, highest crank speed
+SLOWEST = 0.5  # lowest crank speed, in rad/s
+FASTEST = 10.0  # highest crank speed, in rad/s
 MOST_COPIES = 10_000
 SPAN = 5.0, 95.0  # percentiles of the copies that limit the 90 % band
 

@@ -18,9 +18,9 @@ from jansen_workshop.drawings.assembly import Assembly
 from jansen_workshop.drawings.convex import Points, gap
 from jansen_workshop.drawings.solids import Cavity, Screw, Solid
 
-METAL = 2500.0  # kg/m^3, lowest density of a metal
+METAL = 2500.0  # lowest density of a metal, in kg/m^3
 TURN = 180  # number of crank angles at which overlaps are checked
-SCREW_ANGLES = (0.0, 1.0, 2.5, 4.0)  # rad, crank angles at which screws are checked
+SCREW_ANGLES = (0.0, 1.0, 2.5, 4.0)  # crank angles at which screws are checked, in rad
 TOUCH = 1e-3  # largest overlap that rounding causes between two faces that touch
 ALIGNED = 0.02  # largest distance between the axes of a screw and its hole
 LOOSE = 0.4  # largest difference between the radii of a hole and its screw

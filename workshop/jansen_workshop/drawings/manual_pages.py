@@ -11,7 +11,7 @@ from jansen_workshop.drawings.part_pictures import LABEL, Picture, wrapped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE = (11.69, 8.27)  # inches, size of an A4 page
+PAGE = (11.69, 8.27)  # size of an A4 page, in inches
 LINES = 50  # rows of a list per page
 COLUMN = 48  # characters per line of a page's text
 

@@ -25,12 +25,12 @@ from jansen_workshop.drawings.shaft_order import Placed
 
 BAR = "EN AW-6060 T66 flat bar"
 SHEET = "EN AW-6060 T66 sheet, laser cut"
-WASHERS = 3.0  # mm, widest gap that is filled by washers instead of a spacer
-PLAY = 0.1  # mm, least play along a pin
-NUT_LENGTH = 5.0  # mm, length of thread for a lock nut
-COLLAR_LENGTH = 9.0  # mm, length of axle for a collar
-NUT_WASHERS = 3.0  # mm, most that washers fill under a thin nut
-ALL_WASHERS = 4.0  # mm, most that washers fill under the nut and the head together
+WASHERS = 3.0  # widest gap that is filled by washers instead of a spacer, in mm
+PLAY = 0.1  # least play along a pin, in mm
+NUT_LENGTH = 5.0  # length of thread for a lock nut, in mm
+COLLAR_LENGTH = 9.0  # length of axle for a collar, in mm
+NUT_WASHERS = 3.0  # largest height of the washers under a thin nut, in mm
+ALL_WASHERS = 4.0  # largest height of the washers under nut and head together, in mm
 # Standard lengths of screws, in mm.
 LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)
 COLUMNS = (

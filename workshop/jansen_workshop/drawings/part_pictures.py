@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Picture = Callable[["Axes"], object]
 """Function that draws a picture."""
-ANGLE = 1.0  # rad, crank angle in pictures
+ANGLE = 1.0  # crank angle in pictures, in rad
 LABEL = 36  # characters per line of a label
 TILT = (0.6 - 0.12j, 1j, 0.9 + 0.25j)  # directions of x, y and z in exploded views
 HALF_CIRCLE = np.exp(1j * np.linspace(-0.5 * math.pi, 0.5 * math.pi, 30))

@@ -22,10 +22,10 @@ from jansen_workshop.drawings.convex import Points, gap
 from jansen_workshop.drawings.mount import units
 from jansen_workshop.drawings.outlines import CutPart, link_part
 
-CLEARANCE = 1.0  # mm, least distance between parts in the same layer
-GAP = 1.0  # mm, between layers (a washer)
-UNIT_GAP = 6.0  # mm, between units (heads of pins)
-EMPTY = 5.0  # mm, height of a layer without links, which has heads of pins or treads
+CLEARANCE = 1.0  # least distance between parts in the same layer, in mm
+GAP = 1.0  # distance between layers (a washer), in mm
+UNIT_GAP = 6.0  # distance between units (heads of pins), in mm
+EMPTY = 5.0  # height of a layer without links, which has heads of pins or treads, in mm
 SAMPLES = 720  # number of crank angles per turn at which collisions are checked
 WEB = 2  # number of layers from a unit's end to a web
 # Limits of the search, which takes at most 30 s: layers of a unit, and orders that are tried.

@@ -18,15 +18,15 @@ from jansen_workshop.drawings.outlines import CutPart, coupon, cut_parts
 from jansen_workshop.drawings.shaft_order import CollisionError, layers
 from jansen_workshop.drawings.spring_parts import missing_brackets
 
-COUPON = 215 + 125j  # mm, width and height of the sheet for the coupon
-CROSS = 3.0  # mm, half the length of a mark's line
-SCALE = 100.0  # mm, length of the scale bar in the lower margin of every sheet
-SCALE_LETTERS = 2.5  # mm, font size at the scale bar
+COUPON = 215 + 125j  # width and height of the sheet for the coupon, in mm
+CROSS = 3.0  # half the length of a mark's line, in mm
+SCALE = 100.0  # length of the scale bar in the lower margin of every sheet, in mm
+SCALE_LETTERS = 2.5  # font size at the scale bar, in mm
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
 """Colour of each layer: its AutoCAD colour number and its SVG colour."""
 ALIKE = 0.02  # relative difference of the masses of machine and robot that causes no warning
 MOST_FAULTS = 3  # number of faults of an assembly that the summary describes
-LETTERS = 5.0  # mm, font size of engraved names
+LETTERS = 5.0  # font size of engraved names, in mm
 ROOM = 0.7  # fraction of its line that a name may take
 
 

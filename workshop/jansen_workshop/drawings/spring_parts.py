@@ -20,7 +20,7 @@ from jansen_workshop.drawings.materials import Part
 from jansen_workshop.drawings.outlines import SpringEnd, link_part, spring_ends
 
 SAMPLES = 360  # number of crank angles at which the longest spring is sought
-ALIGNED = 1e-3  # mm, distance at which a hole is at the end of a spring
+ALIGNED = 1e-3  # distance at which a hole is at the end of a spring, in mm
 
 
 def spring_rows(robot: Robot) -> list[Part]:

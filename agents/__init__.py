@@ -21,7 +21,7 @@ def need(extra: str, *names: str, who: str = "agents") -> None:
         who: Program that needs the packages.
 
     Raises:
-        SystemExit: If a package is missing. The message has the command that installs it.
+        SystemExit: If a package is missing. The message contains the command that installs it.
     """
     if missing := [name for name in names if find_spec(name) is None]:
         packages = '".[train]" --group ' + extra if extra in GROUPS else f'".[{extra}]"'

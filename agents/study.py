@@ -170,7 +170,7 @@ def _parser() -> Parser:
 def _flags_in(file: str) -> list[str]:
     """Return the flags in a YAML file as words of a command line, beginning with the file.
 
-    The file comes first, so that a surplus value is not taken for it.
+    The name of the file comes first, so that a surplus value of a flag is not mistaken for it.
 
     Raises:
         ValueError: If the file is not a mapping.
@@ -281,11 +281,11 @@ def check_folder(folder: Path, runs: list[Arguments], plan: str) -> None:
         plan: Text of the study's plan.
 
     Raises:
-        ValueError: If it does.
+        ValueError: If the folder holds another study or such runs.
     """
     file = folder / PLAN
     if file.is_file() and file.read_text("utf-8") != plan:
-        raise ValueError(f"{folder} contains another study; give another --name")
+        raise ValueError(f"{folder} contains another study; choose another --name")
     for run in runs:
         known = folder / run["name"] / "config.yml"
         if known.is_file() and load_config(known) != make_config(run["config"]):

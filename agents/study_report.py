@@ -97,7 +97,7 @@ def collect_returns(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame] | None:
 
 
 def read_scores(file: Path, key: dict[str, object]) -> list[pd.DataFrame]:
-    """Return the scores of a run and of the baselines beside it, overall and at each command.
+    """Return the scores of a run and of the baselines, overall and at each command.
 
     Args:
         file: File with the scores.

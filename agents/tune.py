@@ -3,7 +3,7 @@
 - ``pid``: measure walking speeds at many crank speeds, and find the gains with the highest return.
 - ``constant``: measure walking speeds at many constant torques.
 - ``steady``: find the gains that hold the crank at a constant speed.
-- ``profile``: search a crank-speed profile for each command with CMA-ES.
+- ``profile``: search for a crank-speed profile at each command with CMA-ES.
 """
 
 import argparse
@@ -342,7 +342,7 @@ class ProfileSearch:
 
 
 def search_profile(robot: str, episodes: int, generations: int = 30, population: int = 16) -> Entry:
-    """Search a crank-speed profile for each command, first upwards and then downwards in speed.
+    """Search for a crank-speed profile at each command, first upwards and then downwards in speed.
 
     On the way up, each search begins with the parameters that the previous search found. The first
     search begins with the crank speed of the robot's PID, which is constant over a turn. On the
@@ -372,8 +372,8 @@ def _search_upwards(searches: ProfileSearch, robot: str, commands: Array) -> lis
     """Return the parameters found for each command, searched from the slowest command on."""
     crank_speed = tuned.setting_of("pid", named_robot(robot))
     start = np.zeros(len(searches.units))
-    start[1] = 1.0  # gain
-    start[3] = 0.5  # feedback
+    start[1] = 1.0  # the gain kp
+    start[3] = 0.5  # the feedback g
     found: list[Array] = []
     for command in commands:
         start[0] = float(crank_speed(np.array([command]))[0]) / searches.units[0]

@@ -49,7 +49,6 @@ from jansen_env.scoring.protocol import METRICS, TRACKS, metric_value, run_track
 from jansen_env.scoring.result_files import (
     TrackResult,
     new_result,
-    read_result,
     rounded,
     write_result,
 )
@@ -276,9 +275,19 @@ def train_and_score(job: Job, config: RunConfig, logs: Path, results: Path) -> d
     digest = policy_sha256(str(folder / FINAL), track.env_id)
     result = TrackResult(job.name, digest, columns)
     write_result(file, new_result(job.title, {job.track: result}))
-    done = {**job._asdict(), "steps": config.timesteps, "seconds": round(seconds, 1)}
+    weights = track.episodes.weight
+    metrics = {"score": track.primary, "success": "success", "load": "load"}
+    done = {
+        **job._asdict(),
+        "steps": config.timesteps,
+        "seconds": round(seconds, 1),
+        **{
+            name: round(float(metric_value(columns, METRICS[metric], weights)), 4)
+            for name, metric in metrics.items()
+        },
+    }
     write_text(note, yaml.safe_dump(done))
-    print(job.name, round(float(np.mean(columns["return"])), 1), round(seconds), flush=True)
+    print(job.name, done["score"], round(seconds), flush=True)
     return done
 
 
@@ -302,15 +311,11 @@ def jobs(seeds: int) -> Iterator[Job]:
             yield Job(algo, "200k", "flat", seed)
 
 
-def tables(
-    found: list[dict[str, Any]], done: list[dict[str, Any]], results: Path
-) -> dict[str, list[str]]:
-    """Return the tables of the page: the scores of all runs, and the algorithms in pairs.
+def tables(results: dict[str, Any]) -> dict[str, list[str]]:
+    """Return the tables of the page: the scores of the algorithms, and the algorithms in pairs.
 
     Args:
-        found: All trials.
-        done: All runs.
-        results: Folder of the result files.
+        results: All trials, and all runs with their scores.
     """
     head = [
         "track",
@@ -325,43 +330,35 @@ def tables(
         "success",
         "load (weights)",
     ]
-    groups: dict[tuple[str, str], list[Job]] = {}
-    for run in done:
-        job = Job(run["algo"], run["budget"], run["track"], run["seed"])
-        groups.setdefault((job.track, job.title), []).append(job)
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for run in results["runs"]:
+        title = f"{run['algo'].upper()}, {BUDGETS[run['budget']]}"
+        groups.setdefault((run["track"], title), []).append(run)
     rows = []
     scores = {}
-    for (track, title), own in groups.items():
-        runs = [run for run in done if Job(*(run[name] for name in Job._fields)) in own]
-        trials = [t for t in found if (t["algorithm"], t["budget"]) == own[0][:2]]
-        primary = TRACKS[track].primary
-        of_runs = {
-            metric: np.array([score_of(results, job, metric) for job in own])
-            for metric in (primary, "success", "load")
-        }
-        score = scores[track, title] = of_runs[primary]
-        decimals = 0 if primary == "return" else 2
+    for (track, title), runs in groups.items():
+        first = runs[0]
+        trials = [
+            trial["return"]
+            for trial in results["trials"]
+            if (trial["algorithm"], trial["budget"]) == (first["algo"], first["budget"])
+        ]
+        score = scores[track, title] = np.array([run["score"] for run in runs])
+        decimals = 0 if TRACKS[track].primary == "return" else 2
         rows.append(
             [
                 track,
                 title,
-                str(len(own)),
-                f"{runs[0]['steps']:,}",
+                str(len(runs)),
+                f"{first['steps']:,}",
                 f"{np.mean([run['seconds'] for run in runs]):.0f}",
-                f"{max(trial['return'] for trial in trials):.0f}",
+                f"{max(trials):.0f}",
                 *(f"{value:.{decimals}f}" for value in (score.mean(), score.min(), score.max())),
-                f"{of_runs['success'].mean():.2f}",
-                f"{of_runs['load'].mean():.1f}",
+                f"{np.mean([run['success'] for run in runs]):.2f}",
+                f"{np.mean([run['load'] for run in runs]):.1f}",
             ]
         )
     return {PAGE: [table(head, rows, texts=2), table(PAIRS, pairs(scores), texts=3)]}
-
-
-def score_of(results: Path, job: Job, metric: str) -> float:
-    """Return a metric of a run."""
-    track = TRACKS[job.track]
-    columns = read_result(results / f"{job.name}.json").tracks[job.track].columns
-    return float(metric_value(columns, METRICS[metric], track.episodes.weight))
 
 
 def pairs(scores: dict[tuple[str, str], Any]) -> list[list[str]]:
@@ -434,7 +431,8 @@ def main() -> None:
             if job.budget in budgets
         ]
         done = [run.result() for run in runs]
-    publish(args.out, DATA, {"trials": found, "runs": done}, tables(found, done, results))
+    data = {"trials": found, "runs": done}
+    publish(args.out, DATA, data, tables(data))
 
 
 if __name__ == "__main__":

@@ -4,9 +4,9 @@ Run the experiment as follows. It takes about two minutes on one core.
 
     python experiments/climbing.py [--episodes 12] [--quick]
 
-Two controllers walk over obstacles of ten kinds and twelve sizes, at four speeds, all from the same
-starts and over the same terrain. The script writes ``docs/terrain/climbing.json`` and the tables of
-docs/terrain/climbing.md.
+The robot walks under two controllers over obstacles of ten kinds and twelve sizes, at four speeds.
+Both controllers start from the same initial states and walk over the same terrain. The script
+writes ``docs/terrain/climbing.json`` and the tables of docs/terrain/climbing.md.
 """
 
 import sys
@@ -74,7 +74,7 @@ def ground(obstacle: str, size: float, seed: int) -> Terrain:
 
 
 def climb(policy: Policy, obstacle: str, speeds: tuple[float, ...], episodes: int) -> Array:
-    """Let a controller walk over all sizes of an obstacle at all speeds.
+    """Let the robot walk under a controller over all sizes of an obstacle at all speeds.
 
     Args:
         policy: The controller.

@@ -53,11 +53,11 @@ REFERENCE_STEP = 2e-5  # time step of the projection backend for the reference o
 SQUEEZER_SAMPLES = 100
 BELOW = Terrain(((-100.0, -5.0), (100.0, -5.0)))
 """Ground that the legs of a fixed chassis do not reach, in the rigid-body backend."""
-CRANK_SPEED, FRICTION, WALK_TIME = 4.0, 0.3, 4.0  # rad/s; friction coefficient; s
+CRANK_SPEED, FRICTION, WALK_TIME = 4.0, 0.3, 4.0  # in rad/s; without unit; in s
 
 OURS, RIGID, MUJOCO = "this package, projection", "this package, rigid bodies", "MuJoCo"
 PLANTS: dict[str, Any] = {OURS: ProjectionPlant, RIGID: RigidBodyPlant}
-TIMINGS = 3  # number of runs of which the CPU time of the quickest one counts
+TIMINGS = 3  # number of runs, of which the fastest determines the CPU time
 
 
 TimeSteps = dict[str, tuple[float, ...]]
@@ -456,7 +456,7 @@ def _walking_time(plant: Plant) -> float:
 
 
 def report(problem: str, row: list[Any]) -> None:
-    """Print a row on the standard error."""
+    """Print a row to standard error."""
     print(problem, *row, file=sys.stderr, flush=True)
 
 

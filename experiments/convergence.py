@@ -5,8 +5,8 @@ Run the experiment as follows. It takes about two minutes on one core.
     python experiments/convergence.py [--starts 12] [--quick]
 
 Robots walk from many starts with seven time steps. Each walk is compared with the walk with the
-finest time step: the position after one second, and the means of the whole walk, because later the
-single walks are chaotic. The script writes ``docs/performance/convergence.json`` and the table of
+finest time step: the position after one second, and the means of the whole walk, because individual
+walks are chaotic later. The script writes ``docs/performance/convergence.json`` and the table of
 docs/performance/convergence.md.
 """
 

@@ -7,9 +7,9 @@ gait, and the folder docs/joint_play.
 
 The robot ``built`` walks on the rigid-body plant with 0, 0.1, 0.3 and 0.5 mm of radial play in
 every pin of its legs, and with 1 degree of backlash between the motor and the crank. It walks from
-two initial states at each of two commands, under the packaged policy and under the PID. Every walk
-begins on the fast projection plant, without play, and continues on the rigid-body plant when it is
-steady. The script prints a table per controller and writes ``joint_play.json`` and
+two initial states at each of two commands, under the pretrained policy and under the PID. Every
+walk begins on the fast projection plant, without play, and continues on the rigid-body plant when
+it is steady. The script prints a table per controller and writes ``joint_play.json`` and
 ``joint_play.png``. The page docs/joint_play.md contains the tables and the figure, and
 ``joint_play.json`` contains the data. The run takes about six minutes of processor time.
 """

@@ -5,7 +5,7 @@ Run the experiment as follows. It takes about five minutes on one core.
     python experiments/lowest_load.py [--generations 60] [--quick]
 
 At each command, CMA-ES searches for the crank-speed profile with the lowest ground load and the
-shortest unsupported time. The script scores it beside the policy, and writes
+shortest unsupported time. The script compares its scores with those of the policy, and writes
 ``docs/judging/lowest_load.json`` and a table of docs/judging.md. A profile that is found proves
 that the machine can walk with this load; it does not prove that no controller does better.
 """
@@ -106,7 +106,7 @@ def search(command: float, generations: int, env: Controlled) -> Array:
 def measure(
     commands: Sequence[float], generations: int, episodes: int
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """Search at each command, and score what is found beside the packaged controllers.
+    """Search at each command, and score the profiles that are found and the pretrained controllers.
 
     Returns:
         Parameters of the profile ("numbers") and scores of each controller, by command.

@@ -1,4 +1,4 @@
-"""How do the policies of ``built`` walk with other link lengths?
+"""How well do the policies of ``built`` control robots with other link lengths?
 
 Run the experiment as follows. It takes about two minutes on one core.
 
@@ -27,7 +27,7 @@ from jansen_env.tasks.walking.walker_benchmark import BASELINES
 DATA, PAGE = "worlds/other_bodies.json", "worlds.md"
 ENV = "JansenWalkerBuilt-v0"
 SPREAD = 0.1  # relative range of the link lengths
-COUNT = 20  # bodies
+COUNT = 20  # number of bodies
 BODY_SEED, FIRST_SEED = 1000, 70_000  # no other part of the project uses these seeds
 METRICS = {"return": 0, "falls": 2, "slip": 2, "cost": 2}
 """Metrics of a controller on a body, and the number of decimals in the table."""

@@ -36,7 +36,7 @@ ALLOWED = 0.05  # relative difference of distance and cost of transport up to wh
 SAME_STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # crank angles of nearly the same start, in rad
 OTHER_STARTS = tuple(
     math.pi * k / 12.0 for k in range(12)
-)  # in rad; after half a turn, all repeats
+)  # in rad; after half a turn, everything repeats
 VERDICTS = "agree", "other gait", "differ", "chaotic", "falls at times", "falls in both"
 PADS = Compliance(5e4, 60.0, 3e4, 40.0)
 SLENDER = paper_robot().with_slender_inertias()

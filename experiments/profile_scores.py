@@ -4,9 +4,9 @@ Run the experiment as follows. It takes about two minutes on one core.
 
     python experiments/profile_scores.py [--episodes 400] [--quick]
 
-The profile and the PID of the paper's robot walk at 16 commands from starts outside the search. The
-script writes ``docs/profile/scores.json``, the figure ``turn.png`` beside it, and the table of
-docs/profile.md.
+The paper's robot walks under its profile and its PID at 16 commands, from initial states that the
+search did not use. The script writes ``docs/profile/scores.json``, the figure ``turn.png`` beside
+it, and the table of docs/profile.md.
 """
 
 from pathlib import Path
@@ -83,7 +83,7 @@ class Turn(NamedTuple):
 
 
 def turn(policy: Policy, command: float, walks: int) -> Turn:
-    """Let a controller walk from many starts, and return what happens at each crank angle."""
+    """Let the robot walk from many starts, and return what happens at each crank angle."""
     keys = "crank_angle", "crank_speed", "contact_force", "slip", "x_position"
     envs: Any = gym.make_vec(
         ENV,

@@ -4,11 +4,12 @@ Run the experiment as follows. It takes about three minutes on one core.
 
     python experiments/serial_chain.py [--seeds 10] [--policies 0] [--quick]
 
-Controllers that were made for the closed linkage of the robot ``built`` walk on simplified models
-of it. For each seed, CMA-ES searches for a crank-speed profile on the closed linkage and on two
-models, and each profile walks on all of them. With ``--policies N``, PPO also trains N policies on
-each of them, which are kept in ``logs/serial_chain`` and not trained again. The script writes
-``docs/serial_chain/serial_chain.json`` and the tables of docs/serial_chain.md.
+Controllers that were made for the closed linkage of the robot ``built`` are tested on simplified
+models of this linkage. For each seed, CMA-ES searches for a crank-speed profile on the closed
+linkage and on two models, and each profile is tested on all of them. With ``--policies N``, PPO
+also trains N policies on each of them. These are kept in ``logs/serial_chain`` and not trained
+again. The script writes ``docs/serial_chain/serial_chain.json`` and the tables of
+docs/serial_chain.md.
 """
 
 import math

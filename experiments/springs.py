@@ -42,7 +42,7 @@ NAMES = ("built", "stroller", "climber")
 SPEED = 0.3  # m/s
 COMMANDS = (0.1, 0.3, 0.5)  # m/s
 HOLD = 0.02  # control period, in s
-SETTLING, TURNS = 2, 6  # turns of the crank before the record, and in it
+SETTLING, TURNS = 2, 6  # turns of the crank before the record and during it
 ANGLES = 720  # crank angles at which springs are evaluated
 MOST_FORCE = 60.0  # largest force of a spring, in N
 LEAST_STIFFNESS = 1.0  # N/m
@@ -265,7 +265,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def measure(episodes: int) -> dict[str, Any]:
-    """Search two springs for each robot, and measure the robot with and without them."""
+    """Search for two springs for each robot, and measure the robot with and without them."""
     results: dict[str, Any] = {}
     for name in NAMES:
         bare = ROBOTS[name]()

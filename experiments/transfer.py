@@ -1,13 +1,13 @@
 """Does a policy depend on details of the simulation on which it was trained?
 
-Run the experiment as follows. It takes about 25 minutes on one core, most of them on the two
-other simulation backends.
+Run the experiment as follows. It takes about 25 minutes on one core, most of them for the two other
+simulation backends.
 
     python experiments/transfer.py [--episodes 32] [--quick]
 
-Every pretrained policy for level ground walks unchanged with other time steps, feet and friction,
-in the rigid-body backend and in MuJoCo. The script writes ``docs/transfer/transfer.json`` and the
-tables of docs/transfer.md.
+Every pretrained policy for level ground is tested, unchanged, with other time steps, feet and
+friction, in the rigid-body backend and in MuJoCo. The script writes ``docs/transfer/transfer.json``
+and the tables of docs/transfer.md.
 """
 
 from contextlib import nullcontext
@@ -52,8 +52,8 @@ BACKENDS: dict[str, dict[str, Any]] = {
 }
 """Arguments of the environments in which each policy walks for 5 s from the same few starts."""
 LEFT_OUT = "MuJoCo", "rigid feet"
-"""Conditions without which the correlation is computed, too."""
-SHORT = 250  # steps of these walks
+"""Conditions that a second computation of the correlation leaves out."""
+SHORT = 250  # number of steps of an episode on the other backends
 SEED = 3
 
 Scores = dict[str, dict[str, list[float | None]]]

@@ -27,8 +27,8 @@ def main(arguments: list[str] | None = None) -> None:
     """Run a command.
 
     Args:
-        arguments: Arguments of the command line, beginning with the name of the command. None for
-            those of the process.
+        arguments: Arguments of the command line, beginning with the name of the command. None
+            selects those of the process.
 
     Raises:
         SystemExit: If an argument is wrong, a package is missing, or the command is stopped.

@@ -234,7 +234,7 @@ def printable(name: str, value: str) -> str:
     """Return a text if it can be written to a file as UTF-8.
 
     Raises:
-        ValueError: If it cannot.
+        ValueError: If the text cannot be written as UTF-8.
     """
     try:
         value.encode("utf-8")
@@ -333,7 +333,7 @@ class Limits(NamedTuple):
         """Return ``value`` as a float.
 
         Raises:
-            ValueError: If it is out of the limits.
+            ValueError: If it is outside the limits.
         """
         if self.infinite and infinite(value):
             return math.inf
@@ -372,7 +372,7 @@ class Combination(NamedTuple):
         """Check that an instance of the dataclass follows the rule.
 
         Raises:
-            ValueError: If it does not.
+            ValueError: If the instance violates the rule.
         """
         values = [getattr(part, name) for name in self.fields]
         number = math.fsum(values) if self.operation == "sum" else math.prod(values)
@@ -469,7 +469,7 @@ def check_limits(part: Any) -> None:
         part: Instance of the dataclass.
 
     Raises:
-        ValueError: If a field is out of its limits, or a rule is violated.
+        ValueError: If a field is outside its limits, or a rule is violated.
     """
     for name, limits in limits_of(type(part)).items():  # type: ignore[arg-type]
         value = limits.check(f"{type(part).__name__}.{name}", getattr(part, name))
@@ -488,7 +488,7 @@ def number_range(name: str, value: object, least: float, most: float) -> tuple[f
         most: Highest allowed number.
 
     Raises:
-        ValueError: If a number is out of the limits, or ``low`` is larger than ``high``.
+        ValueError: If a number is outside the limits, or ``low`` is larger than ``high``.
     """
     pair: tuple[object, ...] = (value, value)
     if isinstance(value, (tuple, list, np.ndarray)):

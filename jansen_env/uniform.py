@@ -25,7 +25,7 @@ def uniform(rng: np.random.Generator, low: float, high: float, size: Any = None)
 def draw_seed(rng: np.random.Generator) -> int:
     """Sample a whole number below 2^63, as ``rng.integers(2**63)`` does with Gymnasium's PCG64.
 
-    The number consists of the upper 63 bits of the generator's next 64. NumPy's function takes six
-    times as long, because it checks the range.
+    The number consists of the upper 63 bits of the generator's next 64 bits. NumPy's function takes
+    six times as long, because it checks the range.
     """
     return int(rng.bit_generator.random_raw()) >> 1

@@ -215,7 +215,7 @@ class Walker:
         beyond = ENOUGH * self.speed * self.time_limit - STEP_AT
         if beyond < LEAST_BEYOND:
             raise ValueError(
-                f"climb must end at least {LEAST_BEYOND} m behind the step, got {beyond:g} m at "
+                f"climb must end at least {LEAST_BEYOND} m beyond the step, got {beyond:g} m at "
                 f"speed {self.speed} and a time limit of {self.time_limit:g} s"
             )
         heights = np.array(STEPS)
@@ -236,7 +236,7 @@ class Walker:
         """Return the wear, the largest pin force and the safety against buckling of one walk.
 
         The first :data:`SETTLING` seconds of the walk do not count. The measures are NaN if the
-        robot falls before.
+        robot falls before that.
         """
         kwargs = {**self.env_kwargs, "speed_command": self.speed, "robot": candidate.robot}
         env = gym.make(self.env_id, **kwargs)
@@ -391,7 +391,7 @@ def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> 
     """Return the root mean square distance between the points of two paths, relative to their size.
 
     Each path is divided by its own size (the root mean square distance of its points from their
-    mean). The smallest distance over all starting points and both directions counts.
+    mean). The result is the smallest distance over all starting points and both directions.
 
     Args:
         path: Path in the format of :func:`evenly`.

@@ -39,8 +39,8 @@ under its name; and ``violation``, by how much limits are violated, 0 if the can
 def best_of(plan: SearchPlan, journal: Journal) -> int:
     """Return the index of the best candidate.
 
-    Among the candidates that keep all limits, the first objective decides. If no candidate keeps
-    all limits, the one with the smallest violation is the best.
+    Among the candidates that satisfy all limits, the first objective decides. If no candidate
+    satisfies all limits, the one with the smallest violation is the best.
 
     Args:
         plan: Plan of the search.
@@ -50,7 +50,7 @@ def best_of(plan: SearchPlan, journal: Journal) -> int:
 
 
 def front_of(plan: SearchPlan, journal: Journal) -> list[int]:
-    """Return the indices of the Pareto front of the candidates that keep all limits.
+    """Return the indices of the Pareto front of the candidates that satisfy all limits.
 
     Args:
         plan: Plan of the search.

@@ -47,7 +47,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = Parser(
         "jansen-env benchmark",
@@ -96,7 +96,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run policies, or print tables of result files.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
 
     Raises:
         SystemExit: With status 1 if ``--reproduce`` finds a difference.

@@ -33,7 +33,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = Parser(
         "jansen-env demo",
@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Write the page, open it if there is a display, and print what to try next.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     args = parse(arguments)
     with args.parser.refusing():

@@ -25,8 +25,8 @@ def run_command(
         program: Name of the console script.
         commands: Descriptions of the commands by name.
         package: Package that has a module for each command.
-        arguments: Arguments of the command line, beginning with the name of the command. None for
-            those of the process.
+        arguments: Arguments of the command line, beginning with the name of the command. None
+            selects those of the process.
         installation: Function of the name of a missing package, which returns the arguments of
             pip that install it.
 

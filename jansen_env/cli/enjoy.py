@@ -326,7 +326,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = policy_parser(
         "jansen-env enjoy",
@@ -366,7 +366,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Show a policy in a window, or record a video of it.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     args = parse(arguments)
     window = args.video is None and len(args.policy) == 1 and display()

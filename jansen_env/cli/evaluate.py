@@ -52,7 +52,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line, and reject incompatible options.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = policy_parser(
         "jansen-env evaluate",
@@ -132,7 +132,7 @@ def main(arguments: list[str] | None = None) -> None:
     All arguments are checked before anything is written.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     args = parse(arguments)
     out: Path | None = args.out

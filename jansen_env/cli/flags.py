@@ -260,7 +260,7 @@ def parse_policies(parser: Parser, arguments: list[str] | None, flag: str) -> ar
 
     Args:
         parser: Parser of the command line.
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
         flag: Name of the flag that has the commands for the robot.
     """
     args = parser.parse_args(arguments)

@@ -11,7 +11,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Write the robot to a file, or print it.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = robot_parser(
         "jansen-env mjcf",

@@ -14,7 +14,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Compute the results, check the claims, and write ``claims.md`` and the figures.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = Parser(
         "jansen-env paper",

@@ -32,7 +32,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     policies = sorted({name for env_id in ENVIRONMENTS for name in page_policies(env_id)})
     parser = Parser(
@@ -146,7 +146,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Write the walking page and the bench, and open one of them.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     args = parse(arguments)
     with args.parser.refusing():

@@ -22,7 +22,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = policy_parser(
         "jansen-env replay",
@@ -109,7 +109,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Record episodes, and write the recordings and the page.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     args = parse(arguments)
     out = args.out

@@ -12,7 +12,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = Parser(
         "jansen-env verify",
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Simulate walks, and print the hash of each walk next to the published one.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
 
     Raises:
         SystemExit: With status 1 if a hash differs from the published one.

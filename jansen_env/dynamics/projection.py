@@ -1,9 +1,9 @@
 """The paper's dynamics, equation by equation: the reference for all other implementations.
 
 The paper is *Dynamic Analysis and Modeling of Jansen Mechanism*, which uses the projection method.
-Equation numbers are those of the paper. Where the printed equations cannot be meant, they are read
-as explained in ``docs/paper.md``. A leg has 24 coordinates (1), three per body: theta_i, x_i and
-y_i. The subscript f stands for the forepaw and b for the backpaw. The equations of the backpaw
+Equation numbers are those of the paper. Where an equation cannot be meant as it is printed, it is
+read as explained in ``docs/paper.md``. A leg has 24 coordinates (1), three per body: theta_i, x_i
+and y_i. The subscript f stands for the forepaw and b for the backpaw. The equations of the backpaw
 differ from those of the forepaw only in the signs of alpha_4, gamma_4 and alpha_8.
 
 The shapes for Jansen's leg are x and x_dot (24,), Phi (20,), C (20, 24) and D (24, 4). Another
@@ -226,7 +226,7 @@ def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity =
 
 
 # The system consists of n legs on one crank shaft. Its coordinates Q, shape (..., 4 n), are
-# theta_1, x_1, y_1 and theta_2 of each leg. From the coordinates of each leg follows a pose of the
+# theta_1, x_1, y_1 and theta_2 of each leg. The coordinates of each leg determine a pose of the
 # chassis, g = (theta_1 - its value with a level chassis, crank axis x, y, theta_2 - phase of the
 # leg). The tying rows require the same g for all legs. The pinning rows require g = (0, 0, 0, any).
 
@@ -317,7 +317,10 @@ def _system_rows(G: Array, fixed_base: bool) -> Array:
 
 
 def frame_angle(robot: Robot, side: Side) -> float:
-    """Return theta_1 of a level chassis, in rad: atan(h_0/l_0), or pi minus that for a back leg."""
+    """Return theta_1 of a level chassis, in rad.
+
+    It is atan(h_0/l_0) for a fore leg, and pi minus this angle for a back leg.
+    """
     return robot.frame_angle if side == "fore" else np.pi - robot.frame_angle
 
 

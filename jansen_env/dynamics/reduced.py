@@ -5,12 +5,12 @@ projected equations are therefore periodic in psi. :func:`compile_robot` closes 
 turn of a fore leg, computes Fourier series, sums them over the legs with their phases and sides,
 and converts them to short polynomials that the engine reads.
 
-The series converge geometrically. The convergence is the slower, the nearer the linkage comes to a
-dead point, where two links that meet in a joint lie on one line. There the position of the joint
-has a branch point (a square root) at a complex crank angle with the imaginary part d, and the
-magnitude of harmonic n is proportional to exp(-n d). The speeds of the joints grow as the sine s of
-the angle between the links decreases. The function k contains the squares of these speeds, and so
-converges last.
+The series converge geometrically, but more slowly if the linkage comes close to a dead point, at
+which two links that meet in a joint lie on one line. There the position of the joint has a branch
+point (a square root) at a complex crank angle with the imaginary part d, and the magnitude of
+harmonic n is proportional to exp(-n d). The speeds of the joints grow as the sine s of the angle
+between the links decreases. The function k contains the squares of these speeds, and so converges
+last.
 
 The holy numbers (s = 0.150) have a tail of 1e-13. With a level frame (l = 0 instead of 7.8) they
 reach s = 0.087. Their tail is then 1e-6, the error of k is below 5e-7 of its largest value, and the
@@ -357,15 +357,15 @@ def mass_matrix(tables: Tables, q: Array) -> Array:
 def lightest_mass(robot: Robot) -> float:
     """Return the smallest effective mass at a pad over a turn, in kg.
 
-    It is the minimum over all pads and all directions, for the robot without payload and rotor,
-    which can only increase it.
+    The result is the minimum over all pads and all directions. The payload and the rotor are left
+    out, because they can only increase the effective mass.
     """
     tables = compile_robot(design_of(robot))
     legs = robot.legs
     layout = tables.layout
     turn = 2.0 * math.pi * np.arange(MASS_SAMPLES) / MASS_SAMPLES
-    # For each leg, the crank angles of the robot at which its pads are those of the tables, which
-    # are the pads of a fore leg of phase 0, at the angles ``turn``.
+    # The tables describe the pads of a fore leg of phase 0. These are the crank angles of the robot
+    # at which the pads of each leg are at the entries ``turn`` of the tables.
     angles = [
         turn - leg.phase if leg.side == "fore" else math.pi - turn - leg.phase for leg in legs
     ]

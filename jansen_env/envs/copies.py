@@ -15,7 +15,7 @@ AnEnv = TypeVar("AnEnv", bound="WholeCopies")
 
 
 class WholeCopies:
-    """Mixin of environments that are copied and pickled only between two calls.
+    """Mixin for environments that are copied and pickled only between two calls.
 
     Attributes:
         lock: Lock of the task. A call holds it from its beginning to its end.

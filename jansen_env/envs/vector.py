@@ -59,8 +59,8 @@ class TaskVectorEnv(
             observation of the next episode, and ``infos["final_obs"]`` contains the last
             observation. With ``DISABLED``, you reset the robots yourself.
         threads: Number of CPU cores to use. If None, it is chosen from the batch size.
-        info_keys: Keys of ``infos``, such as ``("slip",)``. None for all keys, which takes some per
-            cent of the time of a step.
+        info_keys: Keys of ``infos``, such as ``("slip",)``. None for all keys, which makes a step a
+            few per cent slower.
         arguments: Other arguments, which are those of the environment of one robot. ``render_mode``
             is None or ``"rgb_array"``. Arguments of the type ``PerRobot`` may have one value per
             robot.

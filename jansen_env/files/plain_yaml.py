@@ -1,4 +1,4 @@
-"""Reading of YAML as plain data, and rules for the values.
+"""Functions that read YAML as plain data, and rules for the values.
 
 The safe loader of PyYAML reads the files. Aliases and repeated keys are rejected, and the size of a
 file is limited.

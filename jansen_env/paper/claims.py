@@ -23,8 +23,8 @@ from jansen_env.robot import paper_robot
 HOLDS = "holds"
 CONDITION = "holds with a condition"
 FAILS = "does not hold"
-# Torque that is "almost constant at around" this level in the paper, and the largest difference
-# from this level that counts as near, in N m
+# Level at which the torque is "almost constant" in the paper, and largest difference from this
+# level that counts as near, both in N m.
 PRINTED_LEVEL = -0.9
 NEAR = 0.1
 CLOSE = 0.05  # largest relative difference that counts as "constant" or "around"
@@ -261,7 +261,7 @@ def more_legs(r: Results) -> Answer:
     standing = {heave.legs: heave.standing for heave in r.heaves}
 
     def clearly_better(heaves: dict[int, float]) -> list[int]:
-        """Return the numbers of legs that clearly beat two more legs."""
+        """Return the numbers of legs with a clearly smaller heave than with two more legs."""
         return [legs for legs in range(6, 24, 4) if heaves[legs] < CLEARLY * heaves[legs + 2]]
 
     better = clearly_better(level)

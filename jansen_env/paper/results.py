@@ -42,8 +42,8 @@ class Results(NamedTuple):
         two_motors: Run of 10 s with the PID controller and a motor on each side.
         backwards: Run of 10 s with the PID controller and a reference that turns the other way.
         heaves: Heave for each number of phases.
-        other_heaves: Heave of four legs in m, by a different choice of the lengths that the paper
-            does not specify clearly.
+        other_heaves: Heave of four legs, in m, for other choices of the lengths that the paper does
+            not specify clearly.
         support: The two standing toes of a slow walk.
         slow: The slow walk, by coefficient of friction.
         walks: Walks at :data:`SPEEDS`.
@@ -76,7 +76,7 @@ def compute() -> Results:
     run = fixed_model.pid_run(robot)
     turn = toes.turn(ANGLES)
     torque = crank_torque(robot, turn).total  # at 1 rad/s
-    # Other choices of the lengths that the paper does not specify clearly
+    # Other choices of the lengths that the paper does not specify clearly.
     others = {
         "L6 and L11 swapped": robot.with_bodies(
             rocker=robot.body("coupler"), coupler=robot.body("rocker")

@@ -182,7 +182,7 @@ class Batch(BatchedPlant):
         self._reach(period)
 
     def _set_machines(self, rows: Ints) -> None:
-        """Note robots without the parameters of an episode, with the tables of their designs.
+        """Store robots without the parameters of an episode, and the tables of their designs.
 
         Args:
             rows: Indices of the robots, shape (k,).
@@ -222,7 +222,7 @@ class Batch(BatchedPlant):
                 :data:`jansen_env.plants.parameters.EPISODE`, shape (k,).
 
         Raises:
-            ValueError: If a value is out of its limits, or a robot with compliant pads gets a
+            ValueError: If a value is outside its limits, or a robot with compliant pads gets a
                 restitution above 0.
         """
         check_values(values, self.machines["nominal"]["compliant"][rows])

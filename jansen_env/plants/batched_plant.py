@@ -431,7 +431,7 @@ class BatchedPlant(ABC):
 
     @property
     def contact_force(self) -> Array:
-        """Mean tangential and normal force on each toe in the last step, in N, (n, toes, 2)."""
+        """Mean tangential and normal force on each toe in the last step (N), shape (n, toes, 2)."""
         return self.records.contact_force
 
     @property

@@ -131,7 +131,7 @@ class KernelArrays:
         return rows[~on_shapes], rows[on_shapes].tolist()
 
     def find_ground(self, row: int, x: float) -> None:
-        """Find the stretch of ground that a robot can reach, and note it in the robot's status.
+        """Find the stretch of ground that a robot can reach, and store it in the robot's status.
 
         The method does nothing if the robot is still close to the position for which its stretch
         was found last, or if the chassis is fixed.

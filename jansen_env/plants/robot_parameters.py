@@ -4,8 +4,8 @@ A record of :data:`jansen_env.plants.parameters.EPISODE` contains the friction, 
 the payload themselves. Most of its other values are factors on the robot's own values, where 1
 changes nothing. A record is therefore independent of the records that were applied before it. The
 kernel :func:`jansen_env.engine.episode.apply_parameters` computes from a record the values that the
-dynamics read. No parameter changes the Coulomb friction of bearings, because it is data of the
-machine that follows from measured loads.
+dynamics read. No parameter changes the Coulomb friction of bearings, because it is a property of
+the robot that follows from measured loads.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def check_values(values: Rows, compliant: Bools) -> None:
         compliant: Whether the pads of each robot are compliant, shape (k,).
 
     Raises:
-        ValueError: If a value is out of its limits, or a robot with compliant pads gets a
+        ValueError: If a value is outside its limits, or a robot with compliant pads gets a
             restitution above 0.
     """
     numbers = plain(values)

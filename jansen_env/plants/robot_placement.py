@@ -32,7 +32,7 @@ class RobotPlacement:
         robots, pads = arrays.records.statistics.shape
         toes = arrays.records.slip.shape[1]
         self._place = placement.place.bound()
-        self._angles = np.zeros(robots)  # rad
+        self._angles = np.zeros(robots)  # crank angles, in rad
         # Work space of the kernels.
         self._centres = np.zeros((max(pads, toes + 1), 2))
         self._planes = np.zeros(int(arrays.designs.world["capacity"][0]), PLANE)

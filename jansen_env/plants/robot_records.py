@@ -108,7 +108,7 @@ class RobotRecords:
         Args:
             rows: Indices of the robots, shape (k,).
         """
-        return self._bytes.take(rows, axis=0)  # faster than an index
+        return self._bytes.take(rows, axis=0)  # take is faster than indexing
 
     def restore(self, rows: Ints, saved: NDArray[np.uint8]) -> None:
         """Restore the records of some robots.

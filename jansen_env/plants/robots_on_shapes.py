@@ -37,10 +37,10 @@ class RobotsOnShapes:
         # The kernels get the same arrays in every call, because they remember their arguments.
         self._queues = np.zeros((2, 2), np.int64)
         self._views = dict[int, tuple[Ints, Array]]()
-        self._torque = np.zeros(count)  # N m
+        self._torque = np.zeros(count)  # in N m
         self._earlier = np.zeros(count)
         self._switch = np.zeros(count, np.int64)
-        self._impulses = np.zeros((count, steps, 2))  # N s
+        self._impulses = np.zeros((count, steps, 2))  # in N s
         self._no_impulses = np.zeros((0, 0, 2))
 
     def control_step(

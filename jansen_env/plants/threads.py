@@ -38,8 +38,8 @@ class Threads:
     Args:
         robots: Number of robots.
         threads: Largest number of threads, a whole number above 0. If None, it is the number of
-            cores, or the value of the environment variable ``JANSEN_ENV_THREADS``, but no more than
-            pay off for this number of robots.
+            cores, or the value of the environment variable ``JANSEN_ENV_THREADS``, but not more
+            than are useful for this number of robots.
         memory: Function that allocates the memory of one thread.
     """
 

@@ -21,7 +21,7 @@ from jansen_env.engine.topology import LINKAGE_FAULTS, find_linkage_fault, put_p
 FRAME = 1  # number of the chassis, which all legs share
 CRANK = 2  # number of the crank, which all legs share
 LONGEST_NAME = 60  # largest length of a body's name, in bytes
-LARGEST_NUMBER = 2**31  # largest magnitude of a number in a row; beyond any linkage
+LARGEST_NUMBER = 2**31  # largest magnitude of a number in a row, larger than in any linkage
 INDEPENDENT = 4  # number of independent coordinates: three of the frame, and the crank angle
 
 

@@ -33,7 +33,7 @@ Side = Literal["fore", "back"]
 CRANK_RADIUS = 0.10834  # the paper's L2, in m
 MOST_PHASES = 100  # largest number of crank pins
 LONGEST = 1e3  # largest length, in m
-LARGEST = 1e6  # largest mass, inertia, friction, gear ratio and angle, SI units; beyond any robot
+LARGEST = 1e6  # limit of masses, inertias, frictions, gear ratios and angles, in SI units
 STIFFEST = 1e20  # largest stiffness (N/m) and damping (N s/m) of a compliant pad
 
 ANGLE = Limits(-2.0 * math.pi, 2.0 * math.pi, note="angles are in radians")

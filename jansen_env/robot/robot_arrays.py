@@ -63,8 +63,8 @@ class SpringRows(NamedTuple):
     """Springs of a leg; see :func:`jansen_env.engine.reduction.compile_tables`.
 
     Attributes:
-        springs: Joints at the ends of each linear spring, shape (springs, 2). The second is -1 for
-            a point of the chassis.
+        springs: Joints at the ends of each linear spring, shape (springs, 2). The second index is
+            -1 for a point of the chassis.
         spring_values: Stiffness (N/m) and rest length (m) of these springs, and the point of the
             chassis (x, y, m), shape (springs, 4).
         torsion: Indices of the two bodies of each torsion spring, shape (torsion springs, 2).

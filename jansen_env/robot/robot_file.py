@@ -136,7 +136,7 @@ def _part_to_json(part: object) -> dict[str, object]:
     """Return a part of a robot as a mapping that can be written as JSON."""
     values = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
     if isinstance(part, Robot) and not part.springs:
-        del values["springs"]  # as in files that were written before robots could have springs
+        del values["springs"]  # this entry is optional
     kept = {name: _to_json(value) for name, value in values.items() if value != math.inf}
     return {"is": type(part).__name__, **kept}
 
@@ -171,7 +171,7 @@ def _from_json(value: object) -> object:
 
 
 def file_schema() -> dict[str, dict[str, Any]]:
-    """Return a description of robot files as JSON, for programs that check files by themselves.
+    """Return a description of robot files as JSON, for other programs that check such files.
 
     Returns:
         For each part, by the name in its entry ``"is"``, the ``"fields"`` and the ``"rules"`` of

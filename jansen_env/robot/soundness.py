@@ -69,8 +69,9 @@ def lowest_toes(robot: Robot) -> Array:
 def check_loaded(name: str, robot: Robot, standing: bool = True) -> Robot:
     """Return a robot after checking that it can turn its crank and stand.
 
-    The function issues a warning if a length or mass is far from that of a robot of human scale, by
-    more than a factor of ten in height. The warning names the unit.
+    The function issues a warning if the height, a length or a mass differs so much from that of a
+    robot of human scale (for the height, by more than a factor of ten) that it may be in a wrong
+    unit. The warning names the likely unit.
 
     Args:
         name: Name of the argument that contains the robot, for messages.

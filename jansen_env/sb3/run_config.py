@@ -184,7 +184,7 @@ def make_config(entries: Any, **values: str | None) -> RunConfig:
 def _kind(entries: Arguments) -> tuple[str, str]:
     """Return the algorithm and the kind of policy of a configuration.
 
-    If they are not known or do not fit each other, return those of PPO.
+    If the two are unknown or incompatible, return those of PPO.
     """
     algo = entries.get("algo", "ppo")
     policy = entries.get("policy", "MlpPolicy")

@@ -35,7 +35,7 @@ def single_env(env_id: str) -> type[SingleEnv[Task]]:
 def find_benchmark(env_id: str) -> Benchmark:
     """Return the benchmark of an environment.
 
-    Without a benchmark of its own, an environment is scored by the return alone. The id is checked
+    An environment that has no benchmark is scored by the return alone. The id is checked
     here because ``gym.make`` would import the module of an id "MODULE:ID".
 
     Args:

@@ -52,8 +52,8 @@ class Scores(dict[str, Summary]):
         """Return a table of the scores.
 
         Args:
-            all_metrics: Whether to include all metrics with their 95 % intervals, in place of the
-                values of the main metrics.
+            all_metrics: Whether to include all metrics with their 95 % intervals, instead of only
+                the values of the main metrics.
         """
         metrics = find_benchmark(self.env_id).metrics
         shown, parts = (tabled(metrics), 3) if all_metrics else (main_metrics(metrics), 1)

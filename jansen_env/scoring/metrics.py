@@ -214,7 +214,7 @@ def main_metrics(metrics: dict[str, Metric]) -> dict[str, Metric]:
 
 
 def proportion_with_interval(k: int, n: int) -> Interval:
-    """Return k / n with its exact 95 % interval (Clopper and Pearson 1934), both ends at 2.5 %.
+    """Return k / n with its exact, central 95 % interval (Clopper and Pearson 1934).
 
     The interval has a width above 0 even if k is 0 or n, and its coverage is never less than 95 %,
     whereas that of Wilson's interval may be.

@@ -137,7 +137,7 @@ class Track:
     Attributes:
         name: Name of the track.
         env_id: Id of the environment.
-        primary: Metric of which the score is made.
+        primary: Metric from which the score is computed.
         parts: Parts of the track, which have the same weight.
         env_kwargs: Arguments of the environment.
         pretrained: Name of the package's policy for this track.
@@ -291,8 +291,8 @@ class Scale(NamedTuple):
 def scales() -> dict[str, Scale]:
     """Return the frozen scale of each track by name.
 
-    The score 0 is the better one of standing and random actions. The score 1 is the package's
-    policy of version 0.1.0.
+    The score 0 is that of standing or of random actions, whichever is better. The score 1 is that
+    of the pretrained policy of version 0.1.0.
     """
     values = json.loads(REFERENCE.read_text("utf-8"))
     return {

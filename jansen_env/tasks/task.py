@@ -450,7 +450,7 @@ class Task(ABC):
             value: The value.
 
         Raises:
-            ValueError: If the value has the wrong type or is out of its limits.
+            ValueError: If the value has the wrong type or is outside its limits.
         """
         if name in self._kept and self.info[name].dtype == np.bool_:
             return flag(label, value)

@@ -1,4 +1,4 @@
-"""Terrain of static pymunk shapes: boxes, walls, overhangs, and all that is not a height line."""
+"""Terrain of static pymunk shapes, such as boxes, walls and overhangs."""
 
 from __future__ import annotations
 

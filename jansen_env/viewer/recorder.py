@@ -93,7 +93,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             seed: Seed of the environment, as for ``env.reset``.
             options: Reset options, as for ``env.reset``.
         """
-        self._frames = {}  # even if the reset fails
+        self._frames = {}  # emptied even if the reset fails
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(observation, info, seed, options)
         return observation, info

@@ -72,7 +72,7 @@ class Recording:
         speed: Speed, in ``speed_unit``, shape (n + 1,).
         torque: Motor torque, in N m, shape (n + 1,).
         weight: Weight of robot and payload, in N, shape (n + 1,).
-        contact: State of each toe: 0 in the air, 1 gripping, 2 slipping, shape (n + 1, toes).
+        contact: State of each toe (0 in the air, 1 gripping, 2 slipping), shape (n + 1, toes).
         contact_point: Contact point of each toe, in m, shape (n + 1, toes, 2).
         contact_force: Force of the ground on each toe, in N, shape (n + 1, toes, 2).
         observation: Observation that the policy received, shape (n + 1, observed).

@@ -22,7 +22,7 @@ from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import Values
 
 MARGIN = 0.12  # smallest sine of the angle between two links that meet, for sampled lengths
-ATTEMPTS = 200  # most samples per robot; if lengths vary by 10 %, six in ten samples are valid
+ATTEMPTS = 200  # largest number of samples per robot; six in ten are valid if lengths vary by 10 %
 
 
 class Build(NamedTuple):

@@ -73,7 +73,7 @@ PerRobot = TypeAliasType("PerRobot", T | Sequence[T | None] | NDArray[np.generic
 :class:`WorldSettings` explains the meaning of None in a sequence.
 """
 
-MOST_TIME_STEPS = 10_000  # most time steps per control step; takes seconds on the slowest backend
+MOST_TIME_STEPS = 10_000  # largest number of time steps per control step, which can take seconds
 RENDER_MODES = ["human", "rgb_array"]
 FLAT = Terrain.flat()  # terrain of a robot until its first terrain is generated
 FURTHEST_SCAN = 100.0  # largest distance of a scan, in m

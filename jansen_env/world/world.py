@@ -617,7 +617,7 @@ class World:
             self.records.robots["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
             self._truncate(which)
-        if self.track_joint_forces and len(which) > 0:  # there is only one robot
+        if self.track_joint_forces and len(which) > 0:  # this option allows only one robot
             self._joint_loads[:] = self._find_joint_loads()
 
     def _truncate(self, which: Ints) -> None:

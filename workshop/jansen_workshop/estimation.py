@@ -19,7 +19,7 @@ from jansen_workshop.likeness import Surface, cures
 from jansen_workshop.machine_copies import FROM_ZERO, NAMES, SETUP, Copies, limits
 
 INTERVAL = 2.5, 97.5  # percentiles of the errors
-# An interval that is wider than this fraction of the sampled range counts as not identifiable.
+# A parameter is not identifiable if its interval is wider than this fraction of the sampled range.
 TELLS = 0.7
 ORDERS = 4  # number of harmonics of a step
 # Lags of the autocovariances in control steps of 20 ms. Noise is not correlated over these lags.
@@ -206,8 +206,8 @@ def check_explained(robot: Robot, logs: Sequence[Log], copies: Copies) -> tuple[
 
     Raises:
         ValueError: If no copy explains the logs: either the logs are farther away than the copies,
-            or the estimate of a set-up error is out of its range. The message names common mistakes
-            that would explain the logs.
+            or the estimate of a set-up error is outside its range. The message names common
+            mistakes that would explain the logs.
     """
     comparison = Comparison(robot, logs, copies)
     surface = Surface(comparison.walked, comparison.numbers, comparison.limits)

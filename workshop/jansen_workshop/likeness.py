@@ -1,4 +1,4 @@
-"""Check whether simulated copies of a robot explain a log, or a common mistake does.
+"""Check whether simulated copies of a robot, or a common mistake, explain a log.
 
 A quadratic surface over the unknown parameters is fitted to the summary measures of the copies. The
 distance of a log is the distance to the nearest point of this surface, in standard deviations of
@@ -18,7 +18,7 @@ from jansen_env.arrays import Array
 from jansen_env.robot import Robot
 from jansen_workshop.commands.measurements import CONTROL_DT, Log, MeasuredWalk
 
-LEFT_OUT = 8  # one in this many copies is left out of the fit
+LEFT_OUT = 8  # the fit leaves out one copy in this many
 RIDGE = 0.03  # regularisation, added to variances of 1
 FILTERS = 0.1, 0.15, 0.2, 0.3, 0.5, 1.0  # time constants of the low-pass filter of a sensor, in s
 DELAYS = tuple(range(3, 26))  # delays in control steps of 20 ms

@@ -4,10 +4,10 @@ The frames of all legs and the payload form one body, the chassis. The cranks of
 another body, the shaft. Every other link is a separate body.
 
 A pin with play is a journal in a hole: its axis stays within a circle whose radius is the radial
-clearance. Where it meets the circle, it does not bounce, and it slides without friction. The time
-steps do so at position level, as proposed by J. J. Moreau (*Unilateral contact and dry friction in
-finite freedom dynamics*, 1988): an impulse acts in the time step in which the journal would leave
-the circle, and lets it arrive at the circle instead.
+clearance. Where it meets the circle, it does not bounce, and it slides without friction. As
+proposed by J. J. Moreau (*Unilateral contact and dry friction in finite freedom dynamics*, 1988),
+the time steps enforce this limit at position level: in the time step in which the journal would
+leave the circle, an impulse makes it arrive at the circle instead.
 """
 
 from __future__ import annotations

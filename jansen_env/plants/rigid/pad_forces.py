@@ -73,8 +73,8 @@ class PadContacts:
         for pad, body in enumerate(owners):
             self._pads_of[body].append(pad)
         self._touched = pymunk.batch.Buffer()
-        self._off = np.full(len(owners), math.inf)  # s since a pad was last on the ground
-        self._pending = np.zeros(len(owners))  # m that the pad moved along the ground since then
+        self._off = np.full(len(owners), math.inf)  # time since a pad was last on the ground, in s
+        self._pending = np.zeros(len(owners))  # distance moved along the ground since then, in m
         self._normals = np.tile([0.0, 1.0], (len(owners), 1))
         self._gaps = np.full(len(owners), math.inf)  # m; infinite, so that every pad may land first
 
@@ -94,7 +94,7 @@ class PadContacts:
         self._pending[:] = 0.0
 
     def note(self, touching: Bools) -> None:
-        """Note which pads touched the ground in a time step.
+        """Store which pads touched the ground in a time step.
 
         Args:
             touching: Whether each pad touched the ground, shape (pads,).
@@ -240,8 +240,8 @@ class SpringPads:
     before it changes their velocities. They act on the bodies directly, and no complementarity
     problem is solved. The time step must therefore be short; see :func:`check_stiffness`.
 
-    Only the nearest point of the ground pushes a pad: in a groove, the nearer side of the groove.
-    The sides of links follow the same law. A side is pushed at its point over the vertex that
+    Only the nearest point of the ground pushes a pad. In a groove, this point is on the nearer
+    side. The sides of links follow the same law. A side is pushed at its point over the vertex that
     penetrates it most deeply.
 
     The axis "pads" of the arrays below contains the pads first, and then the sides of links.

@@ -207,7 +207,7 @@ class LooseRotor(GearedRotor):
         super().__init__(robot, time_step)
         self.slack = 0.5 * self.ratio * backlash
         self._dry = robot.motor.friction / self.ratio  # measured at the rotor, in N m
-        self._viscous = robot.motor.viscous_friction / self.ratio**2  # measured at the rotor, in N m s/rad
+        self._viscous = robot.motor.viscous_friction / self.ratio**2  # at the rotor, in N m s/rad
         self._excess = self._stator = self._resisting = self._relative = 0.0
 
     def start(self, motion: Array) -> None:
@@ -432,7 +432,7 @@ class RigidBodyBatch(BatchedPlant):
                 :data:`jansen_env.plants.parameters.EPISODE`, shape (1,).
 
         Raises:
-            ValueError: If a value is out of its limits, a robot with compliant pads gets a
+            ValueError: If a value is outside its limits, a robot with compliant pads gets a
                 restitution above 0, or the pads are too stiff for the time step.
         """
         check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
@@ -782,7 +782,7 @@ class RigidBodyBatch(BatchedPlant):
         total["non_toe_impulse"] = sums.impulse[self.toes :, 1].sum()
         total["energy_change"] = now.energy + self._stored - start
         duration = len(impulses) * h
-        # Difference of the mean torque from the commanded torque, after rounding of the mean.
+        # The mean torque is rounded before the commanded torque is subtracted.
         lacking = torque + total["torque_impulse"] / duration - torque
         total["torque_impulse"] = lacking * len(impulses) * h
         if self._shapes is not None:
@@ -904,7 +904,7 @@ class RigidBodyBatch(BatchedPlant):
         return after, torque
 
     def _trace(self, torque: float) -> None:
-        """Note the impulses of the pins and the torque on the crank in the last time step.
+        """Update the largest pin impulses and crank torque with those of the last time step.
 
         Args:
             torque: Torque of the motor in the last time step, in N m.

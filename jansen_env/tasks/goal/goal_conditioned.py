@@ -25,10 +25,11 @@ class GoalConditioned(
     """Wrapper that separates the goal of ``JansenGoal-v0`` from the rest of the observation.
 
     Hindsight experience replay learns from goals that an episode reached by chance. It needs the
-    reward of a step for any goal, which :meth:`compute_reward` returns. The interface is that of
-    ``GoalEnv`` in Gymnasium-Robotics (https://robotics.farama.org/content/multi-goal_api/), which
-    the ``HerReplayBuffer`` of Stable-Baselines3 uses, too. Pass ``copy_info_dict=True`` to this
-    buffer, because the reward needs the motor power of the step.
+    reward that a step would have for any goal; :meth:`compute_reward` returns this reward. The
+    interface is that of ``GoalEnv`` in Gymnasium-Robotics
+    (https://robotics.farama.org/content/multi-goal_api/), which the ``HerReplayBuffer`` of
+    Stable-Baselines3 uses, too. Pass ``copy_info_dict=True`` to this buffer, because the reward
+    needs the motor power of the step.
 
     Observations are dictionaries:
 

@@ -103,7 +103,7 @@ class WalkerTask(CompiledTask):
     )
     COMPILED = COMMANDED
     ROW = walk_reward.ROW
-    # They follow from the robot, the arguments, and the command of the last step.
+    # These values follow from the robot, the arguments, and the command of the last step.
     OMITTED = ("mean_path", "command_range", "command_steps", "next_command")
     SETTABLE = ("speed_command", "command")
     FASTEST = FASTEST_COMMAND

@@ -2,8 +2,8 @@
 
     jansen-workshop drawings built --out built
 
-ROBOT is the name of a design or the path of a robot file. ``docs/workshop/drawings.md`` has the
-details.
+ROBOT is the name of a design or the path of a robot file. ``docs/workshop/drawings.md`` describes
+the details.
 """
 
 import argparse
@@ -95,7 +95,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Write the drawings.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     args = _parse(arguments)
     name = Path(args.robot).stem

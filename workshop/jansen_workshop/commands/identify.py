@@ -137,7 +137,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Identify a machine, print the report and write the robot file of the machine.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
 
     Raises:
         SystemExit: If an argument or a log is wrong, or with the status of the training.

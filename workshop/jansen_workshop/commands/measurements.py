@@ -129,7 +129,7 @@ def default_gains(robot: object) -> PID:
     """Return the PID gains of a log whose comments contain none.
 
     If the log names a design of this package, the gains are those of the design. Otherwise nothing
-    is known of the robot, and the gains are those of the paper.
+    is known about the robot, and the gains are those of the paper.
 
     Args:
         robot: Robot that the log names.
@@ -338,7 +338,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Compare logs with the published predictions and print the table.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     parser = Parser(
         "jansen-workshop measurements",

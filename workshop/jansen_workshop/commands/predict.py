@@ -105,7 +105,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Predict the quantities, print a table of them, and write them as JSON.
 
     Args:
-        arguments: Arguments of the command. If None, those of the process.
+        arguments: Arguments of the command. None selects those of the process.
     """
     args = _parse(arguments)
     with args.parser.refusing():
@@ -243,8 +243,9 @@ def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -
 
     Args:
         robot: Robot to copy.
-        numbers: Sampled values by name, as in :data:`WITHIN`. They may also have a ``payload`` in
-            kg, and a ``damping`` of the crank in N m s/rad, which are added to those of the robot.
+        numbers: Sampled values by name, as in :data:`WITHIN`. They may also contain a ``payload``,
+            in kg, and a ``damping`` of the crank, in N m s/rad, which are added to those of the
+            robot.
         errors: Error of each link length by name, in m.
     """
     known = lengths(robot)

@@ -25,7 +25,7 @@ from jansen_workshop.drawings.solids import (
 MOTOR = "gearmotor"  # name of the motor among the bought components
 SHAFT_OUT = 3.0  # length of the shaft beyond the last frame
 SPRING_PIN = 1.5  # radius of the spring pins through the hubs and the shaft
-HUB_THREAD = 3.0 * 2.5  # most length that a screw M3 enters a hub: 2.5 times its diameter
+HUB_THREAD = 3.0 * 2.5  # largest length of an M3 screw in a hub: 2.5 diameters
 
 
 def add_hubs(assembly: Assembly) -> None:

@@ -409,7 +409,7 @@ def _add_rows(assembly: Assembly, stack: Stack, stage: str, axis: Axis, start: f
             for _ in range(row.number):
                 _add_doubler(assembly, z)
                 z += row.height
-        elif row.name == "ring":  # one in either end of the spacer before
+        elif row.name == "ring":  # one ring in either end of the preceding spacer
             for low in (spacer_low, z - row.height):
                 piece = assembly.add_piece(row.name, row.size, stage, **place)
                 rims = (tube - TUBE_WALL, pin)

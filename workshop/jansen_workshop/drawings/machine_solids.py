@@ -130,7 +130,7 @@ def _add_brace_screws(
 def _add_components(assembly: Assembly) -> None:
     """Add the bought components, with the space that batteries, boards and sensors occupy.
 
-    All of them are outside of the outer frames, where nothing moves.
+    All of them are outside the outer frames, where nothing moves.
     """
     for component in read_catalogue(assembly.robot.material).components:
         if component.name == MOTOR:

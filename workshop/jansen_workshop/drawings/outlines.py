@@ -42,7 +42,8 @@ FITS = {"laser": (-0.05, 0.1, 0.2), "water_jet": (-0.05, 0.15, 0.3), "print": (0
 An entry has one value for each class of holes in :data:`CLASSES`: by how much the diameter of the
 hole is enlarged, in mm.
 """
-# Added to the diameters of the coupon's holes and to the radii of its pegs, in mm.
+# Allowances that are added to the diameters of the coupon's holes and to the radii of its pegs, in
+# mm.
 STEPS = [round(0.1 * k, 1) for k in range(-4, 5)]
 
 

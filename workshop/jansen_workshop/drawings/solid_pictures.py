@@ -177,7 +177,7 @@ def draw_section(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
     turn = motor_way(assembly)
     hub = _named(assembly, "hub")[0]
     top = hub.high + assembly.parts[CRANK - 1].thickness + 0.5
-    middles: dict[int, tuple[float, float]] = {}  # of the first solid that has each number
+    middles: dict[int, tuple[float, float]] = {}  # middle of the first solid with each number
     for solid in sorted(assembly.solids, key=_flat_first):
         cut = _cut(assembly, solid, turn) if solid.low <= top else None
         if cut is None:

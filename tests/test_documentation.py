@@ -3,6 +3,7 @@
 import functools
 import importlib
 import re
+import shutil
 import runpy
 import shlex
 import sys
@@ -286,6 +287,7 @@ def theory(tmp_path: Path) -> Path:
     (tmp_path / "conf.py").write_text("\n".join(lines))
     text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     (tmp_path / "index.md").write_text(text, encoding="utf-8")
+    shutil.copytree(ROOT / "docs" / "theory", tmp_path / "theory")  # the figures of the page
     assert build.main(["-q", "-b", "html", str(tmp_path), str(tmp_path / "html")]) == 0
     return tmp_path / "html" / "index.html"
 

@@ -3,9 +3,9 @@
 import functools
 import importlib
 import re
-import shutil
 import runpy
 import shlex
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path

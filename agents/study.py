@@ -268,7 +268,7 @@ def check_address(address: str) -> None:
     try:
         socket.create_connection((host, int(port)), timeout=10.0).close()
     except (OSError, OverflowError, ValueError) as error:
-        message = f"--address must be HOST:PORT of a Ray cluster, is {address!r}: {error}"
+        message = f"--address must be HOST:PORT of a Ray cluster, got {address!r}: {error}"
         raise ValueError(message) from error
 
 

@@ -132,7 +132,7 @@ class Machine(Protocol):
     quick: bool
     """Whether a step is so quick that measuring gap and energy would distort its CPU time.
 
-    The CPU time of such a machine is measured in runs of its own.
+    The CPU time of such a mechanism is measured in separate runs.
     """
 
     def advance(self, torque: float, duration: float) -> None:

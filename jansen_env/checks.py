@@ -212,7 +212,7 @@ def robot_indices(indices: object, count: int) -> list[int]:
         return list(range(count))
     if isinstance(indices, Integral):
         return [robot_index(indices, count)]
-    allowed = f"None, a whole number from 0 to {count - 1}, or a list of some"
+    allowed = f"None, a whole number from 0 to {count - 1}, or a list of such numbers"
     checked = [robot_index(index, count) for index in entries("robot indices", indices, allowed)]
     if len({*checked}) < len(checked):
         raise invalid("robot indices", indices, "distinct")

@@ -130,7 +130,7 @@ def test_programs_that_import_the_package_keep_their_signals(monkeypatch, tmp_pa
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        (MemoryError(), "it: error: not enough memory; ask for less\n"),
+        (MemoryError(), "it: error: there is not enough memory; reduce the size of the task\n"),
         (OSError(28, "Disk is full", "a.gif"), "it: error: a.gif: Disk is full\n"),
     ],
 )

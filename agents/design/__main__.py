@@ -97,11 +97,11 @@ def main(arguments: list[str] | None = None) -> int:
             short = write_report(plan, folder, search_all(plan, folder))
         except KeyboardInterrupt:
             print(
-                f"\nstopped; the same command goes on: python -m agents.design "
+                "\nstopped; to continue, repeat the command: python -m agents.design "
                 f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}"
             )
             return 130
-    print(f"\n{short}\n\nall: {folder / REPORT}")
+    print(f"\n{short}\n\ncomplete report: {folder / REPORT}")
     return 0
 
 

@@ -61,7 +61,8 @@ GROUPS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 """Units of the measures, grouped by the computation that yields them, the cheapest group first.
 
-``docs/design.md`` defines each measure. The group ``walk`` has the metrics of the benchmark."""
+``docs/design.md`` defines each measure. The group ``walk`` contains the metrics of the benchmark.
+"""
 MEASURES = {name: unit for units in GROUPS.values() for name, unit in units.items()}
 
 

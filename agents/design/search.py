@@ -33,7 +33,9 @@ Journal: TypeAlias = NDArray[np.void]
 """Everything that a search has measured: a structured array with one record per candidate.
 
 Its fields are ``unit``, the variables of the candidate, each from 0 to 1, shape (d,); every measure
-under its name; and ``violation``, by how much limits are violated, 0 if the candidate keeps all."""
+under its name; and ``violation``, the total violation of the limits, which is 0 if the candidate
+satisfies all of them.
+"""
 
 
 def best_of(plan: SearchPlan, journal: Journal) -> int:

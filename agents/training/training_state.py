@@ -120,8 +120,8 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
                 part.copy_(torch.tensor(values))
         else:
             print(
-                "environments simulated one by one begin new episodes: the run goes on nearly, "
-                "but not exactly, as it would have"
+                "environments that are simulated one by one begin new episodes, so the run "
+                "continues almost, but not exactly, as it would have"
             )
         restore_generators(model, state)
     model.ep_info_buffer = deque(maxlen=model._stats_window_size)

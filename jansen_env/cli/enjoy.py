@@ -303,7 +303,7 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
         every = max(1, round(FRAME_TIME[path.suffix] / dt))
         shown = [*zip(envs, policies.values(), titles, strict=True)]
         each = min(args.steps or MAX_STEPS, envs[0].get_wrapper_attr("spec").max_episode_steps)
-        with progress("filming", len(shown) * args.episodes) as advance:
+        with progress("recording", len(shown) * args.episodes) as advance:
             films = (
                 stack(
                     [
@@ -381,7 +381,8 @@ def main(arguments: list[str] | None = None) -> None:
             if show(next(iter(policies.values())), env, args):
                 return
     path = Path(args.video or f"{args.env}_{re.sub('[/ :]', '_', '_'.join(policies))}.mp4")
-    why = "" if args.video or len(policies) > 1 else "no display to open a window on: "
-    print(f"{why}filming {' and '.join(policies)} on {args.env} to {path} ...", flush=True)
+    if not args.video and len(policies) == 1:
+        print("there is no display for a window, so a video is recorded instead")
+    print(f"recording {' and '.join(policies)} on {args.env} to {path} ...", flush=True)
     with args.parser.refusing():
         record(policies, args, path)

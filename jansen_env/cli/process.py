@@ -47,7 +47,7 @@ def guarded(program: str) -> Iterator[None]:
             _forget(sys.stdout)
             raise SystemExit(1) from None
         except MemoryError:
-            _fail(program, "not enough memory; ask for less")
+            _fail(program, "there is not enough memory; reduce the size of the task")
         except Exception as error:
             if came:  # a library may have turned the signal into another error, e.g. in an import
                 raise SystemExit(128 + came[-1]) from None

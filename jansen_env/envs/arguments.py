@@ -79,7 +79,7 @@ def broadcast_seeds(count: int, seed: object) -> list[int | None]:
     """
     if seed is None:
         return [None] * count
-    allowed = f"a whole number, or {count} of them"
+    allowed = f"a whole number, or {count} whole numbers"
     if isinstance(seed, Integral):
         first = checks.whole_number("seed", seed)
         return [*range(first, first + count)]

@@ -160,5 +160,5 @@ def check_restitution(compliant: Bools, restitution: Array) -> None:
     """
     bounces = compliant & (restitution > 0.0)
     if bounces.any():
-        allowed = "0 with compliant pads: their springs and dampers say how they bounce"
+        allowed = "0 with compliant pads, whose springs and dampers determine how they bounce"
         raise invalid("restitution", float(restitution[bounces][0]), allowed)

@@ -44,7 +44,7 @@ REDUCTIONS: dict[str, Callable[..., Array]] = {
 """Functions that add the value of a step to the total of an episode, by the name of the reduction.
 
 ``early`` tells whether the step ends within SETTLING, ``dt`` is the duration of the step in s, and
-``last`` is the value of the step before.
+``last`` is the value of the previous step.
 """
 
 

@@ -173,9 +173,10 @@ def make_generator(spec: object) -> Generator | None:
     if name == "flat" or (name == "slope" and colon and "=" not in text):
         return None  # make_terrain makes this terrain
     if name not in GENERATORS:
-        drawn = "with parameters as in 'stairs:rise=0.02,tread=0.3' or without, one of"
-        allowed = f"'flat', 'slope:ANGLE' or, {drawn} {checks.listed(GENERATORS, name)}"
-        raise checks.invalid("terrain", spec, allowed)
+        known = checks.listed(GENERATORS, name)
+        example = "'stairs:rise=0.02,tread=0.3'"
+        allowed = f"'flat', 'slope:ANGLE', a name with parameters such as {example}, or one of"
+        raise checks.invalid("terrain", spec, f"{allowed} {known}")
     return NamedGenerator(name, _parameters(spec, name, text) if colon else ())
 
 

@@ -128,7 +128,7 @@ class EpisodeParameters:
         if bad := np.flatnonzero(self.levels.any(axis=1) & ~has_levels).tolist():
             low, high = self.levels[bad[0]].astype(int).tolist()
             given = low if low == high else (low, high)
-            allowed = "0 on a ground that is not drawn and so has no levels"
+            allowed = "0 for terrain that is not generated, because it has no levels"
             raise invalid("terrain_level", given, allowed)
         if self.curriculum is not None and not has_levels.all():
             raise invalid("curriculum", self.curriculum, "None on terrain that has no levels")

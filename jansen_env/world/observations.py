@@ -16,7 +16,7 @@ from jansen_env.checks import invalid, listed, load_record, one_or_two, set_chec
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of the noise in each step, or a pair of standard deviations.
 
-The second one of a pair is that of the bias of an episode.
+The second number of a pair is the standard deviation of the bias of an episode.
 """
 
 _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of a uniform distribution from -1 to 1
@@ -189,7 +189,10 @@ ANGLES = (
     ("cos_crank_angle", "cos_crank_angle", "sin_crank_angle"),
     ("sin_pitch", "cos_pitch", "sin_pitch"),
 )
-"""For each angle: the observation that holds its error, then those of its cosine and its sine."""
+"""Observations of each angle.
+
+The first one contains the error of the angle. The others are its cosine and its sine.
+"""
 SPEEDS = ("crank_axis_x_velocity", "crank_speed")
 """Observations whose sensors are used for odometry."""
 

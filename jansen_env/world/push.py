@@ -75,7 +75,7 @@ def check_schedule(name: str, pushes: object) -> Array:
     Raises:
         ValueError: If there are more than :data:`MOST_PUSHES` pushes, or a value is out of range.
     """
-    allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
+    allowed = f"a list of at most {MOST_PUSHES} tuples (t, Jx, Jy)"
     rows = checks.entries(name, pushes, allowed)
     triples = [checks.entries(name, row, allowed, 3) for row in rows]
     if len(triples) > MOST_PUSHES:

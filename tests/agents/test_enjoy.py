@@ -26,7 +26,8 @@ def invisible(monkeypatch, tmp_path):
 def test_without_a_display_there_is_a_film(invisible, capsys):
     enjoy.main(["--env", CRANK, "--steps", "6"])
     printed = capsys.readouterr().out
-    assert "no display to open a window on: filming pretrained on JansenCrank-v0 to" in printed
+    assert "there is no display for a window" in printed
+    assert "recording pretrained on JansenCrank-v0 to" in printed
     assert "command 1 rad/s: return " in printed and ", ended after 0.06 s" in printed
     assert "written: JansenCrank-v0_pretrained.mp4" in printed
     assert len(iio.imread(invisible / "JansenCrank-v0_pretrained.mp4")) == 4  # steps 0, 2, 4, 6
@@ -38,7 +39,7 @@ def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
     values = "{max_episode_steps: 8, reset_noise_scale: 1.0}"
     enjoy.main([*command.split(), "--env-kwargs", values])
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("filming constant on JansenCrank-v0 to a.gif")
+    assert lines[0].startswith("recording constant on JansenCrank-v0 to a.gif")
     assert [line.split(":")[0] for line in lines[1:4]] == [f"command {v} rad/s" for v in (2, 3, 2)]
     assert all(line.endswith("ended after 0.08 s") for line in lines[1:4])
     assert len({line.split("return")[1] for line in lines[1:4]}) == 3

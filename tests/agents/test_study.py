@@ -206,7 +206,7 @@ def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
         with pytest.raises(SystemExit) as ended:
             study.main(["--seeds", "1", "--log-folder", str(tmp_path), "--address", address])
         assert ended.value.code == 2
-        assert f"must be HOST:PORT of a Ray cluster, is '{address}'" in capsys.readouterr().err
+        assert f"must be HOST:PORT of a Ray cluster, got '{address}'" in capsys.readouterr().err
     assert not [*tmp_path.rglob(study.PLAN)]  # so the command can be given again, corrected
 
 

@@ -6,11 +6,11 @@ from jansen_env.cli.dispatch import run_command
 
 COMMANDS = {
     "drawings": "draw a robot's parts, to be cut, with instructions and a bill of materials",
-    "predict": "what a built machine would measure, with its uncertainty",
+    "predict": "predict measurements on a built machine, with their uncertainty",
     "measurements": "compare logs of a machine with the published predictions",
     "identify": "find the properties of a machine from its logs",
 }
-"""Descriptions of the commands by name. Each is a module of :mod:`jansen_workshop.commands`."""
+"""Descriptions of the commands by name. Each command is a module of :mod:`.commands`."""
 
 
 def main(arguments: list[str] | None = None) -> None:

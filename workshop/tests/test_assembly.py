@@ -113,7 +113,7 @@ def thicken_nut(assembly):
     (lengthen_hub_screw, "frame"),
     (shorten_screw, "enters"),
     (meet_shafts, "gearmotor"),
-    (thread_wood, "brace has a thread, but is not of metal"),
+    (thread_wood, "brace has a thread, but is not made of metal"),
     (drill_wide, "has a hole of 6.00 mm in brace"),
     (thicken_nut, "overlap"),
 ])  # fmt: skip

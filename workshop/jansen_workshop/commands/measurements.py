@@ -90,13 +90,17 @@ def read_log(path: str | Path) -> Log:
         about = {"gains": astuple(default_gains(comments.get("robot"))), **comments}
         if "crank_speed" not in about:
             example = "for example '# crank_speed: 1' for 1 rad/s"
-            raise at_line(table.head, f"a comment above must give crank_speed, {example}")
+            raise at_line(table.head, f"a comment above must give crank_speed, {example}, got none")
         speed = about["crank_speed"]
         gains = PID(*about["gains"])
         columns = table.columns
         if "torque" not in columns:
             if "torque_constant" not in about:
-                raise at_line(table.head, "current_A needs a comment torque_constant, in N m per A")
+                raise at_line(
+                    table.head,
+                    "a comment must give torque_constant, in N m per A, for the column current_A, "
+                    "got none",
+                )
             columns["torque"] = about["torque_constant"] * columns["current"]
         notes = _mend(columns, speed, table.lines.tolist(), table.head)
         return Log(about, speed, gains, _walk(columns, speed, table.lines.tolist()), notes)

@@ -153,7 +153,7 @@ def _soft_threads(assembly: Assembly) -> Iterator[str]:
     """Yield a description of each thread in a material that does not hold one."""
     for solid in assembly.solids:
         if any(cavity.thread for cavity in solid.cavities) and 0.0 < solid.density < METAL:
-            yield f"{assembly.pieces[solid.piece].name} has a thread, but is not of metal"
+            yield f"{assembly.pieces[solid.piece].name} has a thread, but is not made of metal"
 
 
 def _screw_faults(assembly: Assembly) -> Iterator[str]:
@@ -225,4 +225,4 @@ def _thread_faults(assembly: Assembly, screw: Screw) -> Iterator[str]:
     needed = thread.high - thread.low if screw.nut else 2.0 * screw.radius
     if depth < needed - TOUCH:
         name = assembly.pieces[thread.piece].name
-        yield f"enters {name} by {depth:.1f} mm of {needed:.1f}"
+        yield f"enters {name} by {depth:.1f} mm instead of {needed:.1f} mm"

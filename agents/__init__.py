@@ -32,7 +32,7 @@ def need(extra: str, *names: str, who: str = "agents") -> None:
 
 
 def need_workshop(who: str) -> None:
-    """Check that the package ``jansen_workshop``, which is beside ``agents``, is installed.
+    """Check that the package ``jansen_workshop``, from the folder ``workshop``, is installed.
 
     Args:
         who: Program that needs the package.

@@ -420,7 +420,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def write_entry(path: Path, robot: str, name: str, entry: Entry) -> None:
-    """Write the parameters of a baseline to a file, beside those of other robots.
+    """Write the parameters of a baseline to a file, and keep those of other robots.
 
     Args:
         path: File of tuned parameters; it is created if it does not exist.

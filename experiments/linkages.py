@@ -6,7 +6,7 @@ Run the experiment as follows. It takes about five minutes on one core.
 
 Six linkages walk at eight speeds and over single steps, each under a crank-speed profile and a PID
 that were found for it (``docs/linkages/controllers.json``). The script writes
-``docs/linkages/scores.json``, the figure ``comparison.png`` beside it, and the table of
+``docs/linkages/scores.json``, the figure ``comparison.png`` in the same folder, and the table of
 docs/linkages.md.
 """
 

@@ -51,7 +51,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) ->
 def publish(folder: Path, data: str, results: Any, tables: Mapping[str, Sequence[str]]) -> None:
     """Write the data of an experiment, print its tables, and put them into the pages.
 
-    A page gets each table in the place of the table that has the same headings.
+    Each table replaces the table of the page that has the same headings.
 
     Args:
         folder: Folder of the pages and of their data.
@@ -70,14 +70,14 @@ def publish(folder: Path, data: str, results: Any, tables: Mapping[str, Sequence
 
 
 def with_tables(text: str, tables: Sequence[str]) -> str:
-    """Return the text of a page with tables in the place of those that have the same headings.
+    """Return the text of a page in which tables replace those with the same headings.
 
     Args:
         text: Text of the page.
         tables: The new tables, in their order on the page.
 
     Raises:
-        ValueError: If the page has no place for a table.
+        ValueError: If the page contains no table with these headings.
     """
     before: list[str] = []
     rest = text.split("\n")

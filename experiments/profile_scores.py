@@ -5,8 +5,8 @@ Run the experiment as follows. It takes about two minutes on one core.
     python experiments/profile_scores.py [--episodes 400] [--quick]
 
 The paper's robot walks under its profile and its PID at 16 commands, from initial states that the
-search did not use. The script writes ``docs/profile/scores.json``, the figure ``turn.png`` beside
-it, and the table of docs/profile.md.
+search did not use. The script writes ``docs/profile/scores.json``, the figure ``turn.png`` in the
+same folder, and the table of docs/profile.md.
 """
 
 from pathlib import Path

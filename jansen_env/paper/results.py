@@ -12,7 +12,7 @@ from jansen_env.paper import fixed_model, free_walk, toes
 from jansen_env.robot import Bar, Robot, paper_robot
 
 ANGLES = 360  # number of crank angles per turn
-LONG = 80.0  # duration of the long PID run, s; the start dies out with kp / ki = 10 s
+LONG = 80.0  # duration of the long PID run, in s; the start dies out with kp / ki = 10 s
 RIPPLE = 40.0  # duration of a run at constant torque with a fixed chassis, in s
 SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)  # crank speeds of walks, in rad/s
 WALK = 75.0  # duration of each of these walks, in s

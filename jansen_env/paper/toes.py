@@ -16,7 +16,7 @@ from jansen_env.robot.kinematics import C, E, T, coordinates, toe_positions, wor
 from jansen_env.terrain import Terrain
 
 PHASES = tuple(range(1, 13))  # numbers of phases, for 2 to 24 legs
-STEP = 1e-5  # step of central differences of closed forms, rad; their error is 1e-10
+STEP = 1e-5  # step of central differences of closed forms, in rad; their error is 1e-10
 
 
 def turn(samples: int) -> Array:

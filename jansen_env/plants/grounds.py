@@ -20,7 +20,7 @@ from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.terrain import Ground, Shapes
 
 LEAST_ROOM = 64  # smallest number of vertices that are reserved for a ground that is exchanged
-FASTEST = 200.0  # m/s in x; a faster robot counts as diverged once it leaves its stretch of ground
+FASTEST = 200.0  # in m/s; a faster robot counts as diverged if it leaves its stretch of ground
 
 
 class Grounds:

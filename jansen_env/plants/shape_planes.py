@@ -128,7 +128,7 @@ class ShapePlanes:
         return answer
 
     def height_below(self, x: float, y: float) -> float:
-        """Return the height of the ground below a point, m.
+        """Return the height of the ground below a point, in m.
 
         Where no shape lies below the point, this is the height of the lowest point of all shapes.
         """
@@ -166,7 +166,7 @@ class ShapePlanes:
         return count
 
     def profile(self, left: float, right: float) -> Array:
-        """Return the upper surface of the ground between two x as a height line, m, shape (n, 2).
+        """Return the upper surface between two x as a height line, in m, shape (n, 2).
 
         The surface is sampled at both ends and at the positions of :meth:`_corners`.
         """
@@ -185,7 +185,7 @@ class ShapePlanes:
         return self.profile(left - 1.0, right + 1.0)
 
     def find_overhang(self) -> float | None:
-        """Return an x at which there is air below a shape, m, or None if there is no overhang."""
+        """Return an x, in m, with air below a shape, or None if there is no overhang."""
         top, bottom = self.highest + 1.0, self.lowest - 1.0
         for x in self._corners(-np.inf, np.inf):
             spans = []
@@ -202,7 +202,7 @@ class ShapePlanes:
         return None
 
     def _corners(self, left: float, right: float) -> list[float]:
-        """Return the x between two limits that lie beside corners or over round shapes, m."""
+        """Return the x between two limits that lie next to corners or over round shapes, in m."""
         places = set[float]()
         for piece, box in zip(self._pieces, self._boxes, strict=True):
             if box[2] < left or box[0] > right:

@@ -472,7 +472,9 @@ def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
 
 
 def load_file(path: str | Path) -> PretrainedPolicy:
-    """Load a policy from its JSON file and the .safetensors file beside it, without running code.
+    """Load a policy from its JSON file and the .safetensors file of the same name.
+
+    No code in these files is run.
 
     Args:
         path: Path of the JSON file.

@@ -79,7 +79,7 @@ class Build(NamedTuple):
         battery_mass: Mass of the battery at the pivots P, in kg.
         foot_radius: Radius of a half-round tread, in m.
         foot_width: Width of a tread, in m.
-        tread_layers: Number of layers beside a link that half the width of its tread covers.
+        tread_layers: Number of layers next to a link that half the width of its tread covers.
         foot_mass: Mass of a foot, in kg.
         foot_stiffness: Normal and tangential stiffness of a foot, in N/m.
         motor: Name of the motor, a key of :data:`jansen_env.robot.motor.MOTORS`.

@@ -16,8 +16,8 @@ MARGIN = 5.0  # distance between parts, and from a part to the edge of a sheet, 
 M3 = 1.6  # radius of a hole for an M3 screw
 SHOE_SCREW = 2.25  # radius of a hole for an M4 screw
 WALL = 1.5  # least width of material between two holes; a window needs twice this width
-PARALLEL = math.pi / 6.0  # rad; if two sides enclose less, a shoe's screws lie behind one another
-SHOE_SCREWS = (15.0, 15.0), (14.0, 28.0)  # mm from the toe: on two sides; behind one another
+PARALLEL = math.pi / 6.0  # in rad; if two sides enclose less, a shoe's screws are in line
+SHOE_SCREWS = (15.0, 15.0), (14.0, 28.0)  # distances from the toe, in mm: on two sides, and in line
 
 
 def radii(build: Build) -> tuple[float, float, float, float]:

@@ -84,9 +84,9 @@ def read_model(path: str | Path) -> SavedModel:
 def load_policy(path: str | Path) -> BasePolicy:
     """Load a trained policy, without running code from its file.
 
-    A model that was trained elsewhere with Stable-Baselines3 needs a config.yml beside it that
-    describes how the policy is built: algo, env and policy. Where they differ from the defaults of
-    the library, it also contains use_sde (in hyperparameters) and policy_kwargs.
+    A model that was trained elsewhere with Stable-Baselines3 needs a config.yml in the same folder
+    that describes how the policy is built: algo, env and policy. If use_sde (in hyperparameters) or
+    policy_kwargs differ from the defaults of the library, the file also contains these.
 
     Args:
         path: Folder of a training run, or zip file of a model.
@@ -170,14 +170,14 @@ def check_not_normalized(path: Path) -> None:
     """Check that a model was not trained with ``VecNormalize`` of Stable-Baselines3.
 
     The file of such a model does not contain the statistics of the observations, so its policy
-    would get observations of a different magnitude. The statistics are in a pickle beside the
-    model. It is not read here, because a pickle can run code.
+    would get observations of a different magnitude. The statistics are in a pickle next to the
+    model. This pickle is not read here, because a pickle can run code.
 
     Args:
         path: Path of the model file.
 
     Raises:
-        ValueError: If there is a file of such statistics beside the model or in the folder above,
+        ValueError: If there is a file of such statistics next to the model or in the folder above,
             or if the model file contains observations from before a normalisation.
     """
     places = [

@@ -36,7 +36,7 @@ MOST_POINTS = 100_000  # largest number of points of a terrain
 TALLEST = 100.0  # largest height of a step or wave, in m
 STEEPEST = (1.0 + 1e-12) * tan(MAX_SLOPE)  # largest dy/dx, with a margin for rounding
 GRADIENT_STEP = 1e-4  # step to either side in a difference quotient, in m
-FARTHEST = 1e6  # largest coordinate of a point, m; beyond it, rounding errors disturb the contacts
+FARTHEST = 1e6  # largest coordinate, in m; beyond it, rounding errors disturb the contacts
 
 
 def heights_of(line: Array, x: ArrayLike) -> Array:

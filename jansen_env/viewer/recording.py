@@ -1,7 +1,7 @@
 """Recorded episode: arrays in one ``.npz`` file, which is read without pickle and fully checked.
 
-``docs/replay.md`` has a table of the arrays. :class:`jansen_env.viewer.recorder.Recorder` makes
-recordings.
+``docs/replay.md`` contains a table of the arrays. :class:`jansen_env.viewer.recorder.Recorder`
+makes recordings.
 """
 
 import io

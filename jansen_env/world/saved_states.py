@@ -5,8 +5,8 @@ the fields in :data:`OMITTED` and those that the task omits. A field that is add
 therefore saved without another line of code. If a saved state lacks a field, the field gets the
 value that it has at the beginning of an episode.
 
-The fields of the part ``robot`` of a record, such as ``action``, are saved beside its other parts,
-such as ``slip``.
+The fields of the part ``robot`` of a record, such as ``action``, are saved on the same level as
+the other parts of the record, such as ``slip``.
 """
 
 from __future__ import annotations

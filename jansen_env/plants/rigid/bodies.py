@@ -595,7 +595,7 @@ class BodySpace:
         play = self.play[self._loose]
         left = play - normal_x * away_x - normal_y * away_y
         left[left < 0.0] *= PLAY_CORRECTION
-        reach = 0.1 * LARGEST_PLAY / time_step  # m; keeps the power below e^10
+        reach = 0.1 * LARGEST_PLAY / time_step  # in m; it keeps the power below e^10
         aims = ((play + left + reach) / (play + reach)) ** (1.0 / time_step)
         arm_x[0] += away_x - play * normal_x
         arm_y[0] += away_y - play * normal_y

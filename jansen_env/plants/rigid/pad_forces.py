@@ -76,7 +76,7 @@ class PadContacts:
         self._off = np.full(len(owners), math.inf)  # time since a pad was last on the ground, in s
         self._pending = np.zeros(len(owners))  # distance moved along the ground since then, in m
         self._normals = np.tile([0.0, 1.0], (len(owners), 1))
-        self._gaps = np.full(len(owners), math.inf)  # m; infinite, so that every pad may land first
+        self._gaps = np.full(len(owners), math.inf)  # in m; at first, any pad may land
 
     @property
     def pressed(self) -> Bools:

@@ -62,7 +62,7 @@ def report(
 
 
 def _estimate_table(meanings: dict[str, str], head: str, estimates: dict[str, Estimate]) -> str:
-    """Return a Markdown table of the estimates that have a meaning, under a ``head``."""
+    """Return a Markdown table, under a ``head``, of the estimates named in ``meanings``."""
     rows = []
     for name, meaning in meanings.items():
         row = estimates[name]

@@ -1,8 +1,8 @@
 """Springs of a machine in its bill of materials, and ends of springs that no part carries.
 
 An end at a joint with a pin is an eye on this pin. An end at another point of a part has a hole of
-its own (:func:`jansen_workshop.drawings.outlines.spring_holes`). An end beside the frame needs a
-bracket, which is not drawn.
+its own (:func:`jansen_workshop.drawings.outlines.spring_holes`). An end on the chassis that the
+part of the frame does not reach needs a bracket, which is not drawn.
 """
 
 from __future__ import annotations

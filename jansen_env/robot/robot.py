@@ -121,7 +121,7 @@ class Robot:
             object.__setattr__(self, name, numbers)
         self._check_springs()
         if not all(isinstance(leg, Leg) for leg in self.legs):
-            raise invalid("Robot.legs", self.legs, "a list of Legs")
+            raise invalid("Robot.legs", self.legs, "a sequence of Leg objects")
         pads = len(self.linkage.all_pads)
         if len(self.legs) * pads > MOST_PADS:
             given = f"{len(self.legs)} legs of {pads} pads each"

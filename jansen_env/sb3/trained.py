@@ -191,9 +191,9 @@ def check_not_normalized(path: Path) -> None:
         places += [] if kept is None else [path]
     if places:
         raise ValueError(
-            f"{path} was trained with VecNormalize (see {places[0]}), whose statistics are a "
-            "pickle and are not read here. Score it in Python: docs/training.md, 'Models with "
-            "VecNormalize'"
+            f"{path} must be a model without VecNormalize, got one that was trained with "
+            f"VecNormalize (see {places[0]}); its statistics are in a pickle, which is not read "
+            "here. To score the model in Python, see docs/training.md, 'Models with VecNormalize'"
         )
 
 

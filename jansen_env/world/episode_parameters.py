@@ -243,7 +243,7 @@ class EpisodeParameters:
         in_force = (of["restitution"][i] for of in (self._plant.parameters, self.nominal))
         restitution = numbers.get("restitution", max(map(float, in_force)))
         if not pads.rigid and "restitution" in self.randomizations[i]:
-            raise invalid("pad_compliance", pads, "rigid, as randomize has 'restitution'")
+            raise invalid("pad_compliance", pads, "rigid, because randomize has 'restitution'")
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
         nominal = _with(self.nominal[i], numbers)
         robot = self._plant.robots[i]

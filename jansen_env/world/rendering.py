@@ -234,7 +234,10 @@ class Renderer:
                 raise pg.error("no display found")
             self._screen = pg.display.set_mode(SIZE)
         except pg.error as error:  # Gymnasium's checker requires that the environment continues
-            warn(f"no window: {error}; mode 'rgb_array' needs no display", stacklevel=2)
+            warn(
+                f"the window cannot be opened: {error}; the mode 'rgb_array' needs no display",
+                stacklevel=2,
+            )
             self.dismissed = True
             return
         pg.display.set_caption("Jansen linkage")

@@ -501,8 +501,8 @@ class WorldSettings:
             return self._checked_each(argument, value)
         checked = check(name, value)
         if self.count > 1 and marks["single_only"] and checked != argument.default:
-            others = "vectorization_mode='sync' has the others"
-            raise invalid(name, value, f"{argument.default!r} for several robots at once; {others}")
+            other = "vectorization_mode='sync' allows other values"
+            raise invalid(name, value, f"{argument.default!r} for several robots at once ({other})")
         return checked
 
     def _checked_each(self, argument: Field[Any], value: Any) -> list[Any]:

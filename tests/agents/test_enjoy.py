@@ -103,7 +103,7 @@ def test_a_display_that_does_not_answer_gives_a_film(window, monkeypatch):
     args = enjoy.parse(["--env", CRANK, "--steps", "4"])
     monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
     monkeypatch.setenv("DISPLAY", "nowhere:9")
-    with pytest.warns(UserWarning, match="no window: "):
+    with pytest.warns(UserWarning, match="the window cannot be opened: "):
         assert not enjoy.show(load_named("pretrained", window), window, args)
 
 

@@ -224,7 +224,8 @@ def play_of_pins(robot: Robot, play: JointPlay) -> Array:
         known = sorted({pin.joint for pin in pins})
         for joint in play:
             if joint not in known:
-                raise invalid("joint_play", joint, f"given for joints among {listed(known, joint)}")
+                allowed = f"one of {listed(known, joint)}"
+                raise invalid("a joint of joint_play", joint, allowed)
         of_a_leg = [play.get(pin.joint, 0.0) for pin in pins]
     else:
         of_a_leg = [play] * len(pins)

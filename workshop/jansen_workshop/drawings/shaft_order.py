@@ -287,7 +287,8 @@ class Unit:
             best = self._search(count, layers, Layering(math.inf, []))
             if best.length < math.inf:
                 return best.layers
-        raise CollisionError(f"{MOST_TRIES - max(self.tries, 0)} orders of the links collide")
+        tried = MOST_TRIES - max(self.tries, 0)
+        raise CollisionError(f"the links collide in all {tried} orders that were tried")
 
     def _search(self, count: int, layers: list[int], best: Layering) -> Layering:
         """Place the bodies without a layer; return the shortest order found, or ``best``."""

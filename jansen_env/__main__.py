@@ -8,13 +8,13 @@ from jansen_env.cli.dispatch import run_command
 
 COMMANDS = {
     "demo": "watch a trained policy within seconds, on a page in a browser",
-    "enjoy": "watch policies, in a window or as a film",
-    "evaluate": "score policies side by side",
+    "enjoy": "watch policies, in a window or as a video",
+    "evaluate": "compare the scores of policies",
     "benchmark": "score policies by the benchmark protocol, and compare results",
-    "verify": "compare walks of this machine with the published ones, bit for bit",
-    "replay": "write a web page that replays walks",
-    "play": "walk a robot by hand and design its lengths, on a page in a browser",
-    "paper": "run the paper's simulation, draw its figures, test its claims",
+    "verify": "compare walks simulated on this machine with the published ones, bit for bit",
+    "replay": "write a web page that replays recorded episodes",
+    "play": "control a robot by hand and design its legs, on a page in a browser",
+    "paper": "run the simulation of the paper, draw its figures, and check its claims",
     "mjcf": "export a robot to MuJoCo",
 }
 """Descriptions of the commands by name. Each command is a module of :mod:`jansen_env.cli`."""

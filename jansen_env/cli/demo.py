@@ -19,14 +19,17 @@ START = {
     "control2": "pid",
 }
 """Choices on the page: two robots with the same lengths, one of them under a trained policy."""
-STORY = "Two machines climb stairs: above under a trained policy, below under a tuned PID."
+STORY = (
+    "Two robots climb stairs: the upper one under a trained policy, the lower one under a tuned "
+    "PID."
+)
 NEXT = """\
 Try next:
-  jansen-env play       turn the crank by hand, change the links, choose the ground
+  jansen-env play       turn the crank by hand, change the links, choose the terrain
   jansen-env enjoy      watch the trained policy in a window or as a video
   jansen-env benchmark --policy pid --tracks flat --out pid.json
                         score a policy
-  jansen-env verify     compare walks of this machine with the published ones"""
+  jansen-env verify     compare walks on this machine with the published ones"""
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

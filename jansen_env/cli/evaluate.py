@@ -56,7 +56,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """
     parser = policy_parser(
         "jansen-env evaluate",
-        "Score policies side by side.",
+        "Compare the scores of policies.",
         "jansen-env evaluate --policy pretrained --policy pid",
         "jansen-env evaluate --env JansenWalkerRough-v0 --policy pretrained --all --out scores",
         required=True,

@@ -229,7 +229,7 @@ def _refusal(
     """Return the distance of walks and the reason why no copy explains them, "" if one does."""
     distance = surface.distance(comparison.measured(walks))
     if not distance <= surface.farthest:
-        allowed = f"at most {surface.farthest:.3g}, as that of copies is"
+        allowed = f"at most {surface.farthest:.3g}, like that of other copies"
         return distance, f"their distance from the copies must be {allowed}, got {distance:.3g}"
     values = comparison.estimates(walks)[:, 0].tolist()
     ranges = comparison.limits.tolist()

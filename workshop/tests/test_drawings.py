@@ -511,7 +511,7 @@ def test_a_robot_file_is_drawn_under_its_own_name(tmp_path, monkeypatch, capsys)
     write_robot("mine.json", robot)
     command.main(["mine.json", "--as-robot-file", "cut.json"])
     printed, reason = capsys.readouterr().out, "foot sweeps over the shaft and over the crank pin"
-    assert f"no instructions: {reason}" in printed
+    assert f"there are no instructions, because {reason}" in printed
     assert f"warning: the simulated robot weighs {robot.mass:.2f} kg" in printed
     assert read_robot("cut.json") == machine_of(robot)
     assert (tmp_path / "mine" / "parts" / "tie.dxf").exists()

@@ -255,7 +255,7 @@ def drawings(
     try:
         placed = layers(robot)
     except CollisionError as error:
-        warnings.append(f"no instructions: {error}")
+        warnings.append(f"warning: there are no instructions, because {error}")
         order = Order(robot, None)
     else:
         order = Order(robot, placed)
@@ -304,7 +304,7 @@ def _summary(order: Order) -> str:
     """Return a sentence with the number of parts, the mass and the price of a machine."""
     return (
         f"{sum(counts(order.robot).values())} parts to cut; the machine weighs {order.mass:.2f} kg "
-        f"with all others, which cost about {order.price:.0f} EUR together"
+        f"with all parts, which cost about {order.price:.0f} EUR in total"
     )
 
 
@@ -316,7 +316,7 @@ def _fault_warnings(order: Order) -> list[str]:
         f"warning: this machine cannot be built as drawn: {fault}" for fault in found[:MOST_FAULTS]
     ]
     if len(found) > MOST_FAULTS:
-        warnings.append(f"warning: and {len(found) - MOST_FAULTS} more of these")
+        warnings.append(f"warning: there are {len(found) - MOST_FAULTS} more faults of this kind")
     return warnings
 
 

@@ -302,6 +302,9 @@ class EpisodeParameters:
     ) -> Plan:
         """Return the plan of a robot's next episode. Only the state of the generator changes.
 
+        ``docs/life_of_a_step.md`` documents the order of the samples, and
+        ``test_the_order_of_draws_is_the_documented_one`` checks it.
+
         Args:
             i: Index of the robot.
             rng: Random number generator of the robot.

@@ -510,7 +510,8 @@ class World:
         """Sample the initial conditions of a robot's next episode.
 
         Only the state of the generator changes. The arguments are those of :meth:`reset`, for a
-        single robot.
+        single robot. ``docs/life_of_a_step.md`` documents the order of the samples, and
+        ``test_the_order_of_draws_is_the_documented_one`` checks it.
         """
         # All values are sampled even if an option replaces some of them, so that an option does not
         # change the other values.

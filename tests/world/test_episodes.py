@@ -67,7 +67,10 @@ def test_what_is_drawn_is_what_an_argument_gives(name, value):
 
 
 def test_the_order_of_draws_is_the_documented_one():
-    """One generator gives crank, command, delay, seed, level, parameters and terrain."""
+    """One generator gives all values of an episode.
+
+    The order is: crank angle, command, crank speed, delay, seed, level, parameters and terrain.
+    """
     drawn_ground = []
 
     def ground(rng, level):

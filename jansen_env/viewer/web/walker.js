@@ -74,6 +74,7 @@ export class Walker {
 
   /** Stand at rest with settings of `Machine.change`, as an environment that is reset with a seed. */
   start(seed, settings, command) {
+    // The samples have the order of `World._plan_start` in jansen_env/world/world.py.
     const rng = new Random(this.machine.memory, seed);
     const crankAngle = rng.uniform(0, TURN);
     for (const _ of ["command", "crank speed"]) rng.random(); // which are given here

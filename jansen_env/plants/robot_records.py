@@ -29,9 +29,10 @@ They are not restored from a copy; the process computes them again.
 
 
 class RobotRecords:
-    """Everything that the future of n robots depends on, one record per robot.
+    """Values of n robots that change during an episode or at a reset, one record per robot.
 
-    A copy of a record is a copy of the robot. The attributes are views of the records.
+    The records do not contain the robots with their link lengths, the terrains, the levels in the
+    curriculum and the random number generators. The attributes are views of the records.
 
     Args:
         count: Number of robots n.

@@ -7,6 +7,12 @@ value that it has at the beginning of an episode.
 
 The fields of the part ``robot`` of a record, such as ``action``, are saved on the same level as
 the other parts of the record, such as ``slip``.
+
+A state is saved by ``SingleEnv.get_state``, ``Task.get_state``, ``World.get_state`` and
+:meth:`SavedRecords.read`, each of which calls the next one. To restore it, ``SingleEnv.set_state``
+calls ``Task.set_state``. This method calls ``check_saved_state``, which checks the state with
+:meth:`SavedRecords.check`, and then ``World.restore``, which changes the record with
+:meth:`SavedRecords.clear` and :meth:`SavedRecords.write`.
 """
 
 from __future__ import annotations

@@ -78,6 +78,7 @@ class Saver(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self._state is not None:
+            # Stable-Baselines3 has sampled exploration noise since `restore_state`.
             training_state.restore_generators(self.model, self._state)
             self._state = None
         steps = self.model.num_timesteps
@@ -106,7 +107,7 @@ class Saver(BaseCallback):
             for old in {*self.folder.glob("replay_buffer*.npz")} - {file, self._replay_buffer}:
                 old.unlink()
             training_state.save_replay_buffer(replay_buffer, file)
-        notes = {"state": training_state.read_state(self.model)}
+        notes = {"state": training_state.collect_state(self.model)}
         training_state.save_model(self.model, path, notes)
         self._replay_buffer = file
 

@@ -3,6 +3,10 @@
 The folder of a run contains config.yml, command.txt, best_model.zip, final_model.zip,
 evaluations.json, checkpoints/model_STEPS_steps.zip, tensorboard/ and, for off-policy algorithms,
 replay_buffer_STEPS.npz. At the end of the training, the scores are written into it, too.
+
+A checkpoint contains the state of the training as the entry ``state`` of its member notes.json, and
+so does final_model.zip. ``--resume`` needs this state. Runs of off-policy algorithms also need
+replay_buffer_STEPS.npz with the same number of steps.
 """
 
 import itertools

@@ -2,9 +2,9 @@
 
 The state consists of the state and the random number generator of each robot, the observations with
 which the next rollout begins, the memory of a recurrent policy, the global random number
-generators, the exploration noise if it lasts for a whole rollout, and the replay buffer. At the
-beginning of a rollout, this state is complete. It contains only numbers, and reading it does not
-execute any code.
+generators, the exploration noise if it lasts for a whole rollout, and the replay buffer. The replay
+buffer is a separate file; the rest is stored in the file of the model. At the beginning of a
+rollout, this state is complete. It contains only numbers, and reading it does not execute any code.
 """
 
 import io
@@ -65,7 +65,7 @@ def restore(model: BaseAlgorithm, saved: SavedModel) -> None:
             model.weights = torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
 
 
-def read_state(model: BaseAlgorithm) -> Arguments:
+def collect_state(model: BaseAlgorithm) -> Arguments:
     """Return the state of the training, in types that JSON supports.
 
     Call this function at the beginning of a rollout. The state of environments that are simulated
@@ -84,13 +84,13 @@ def read_state(model: BaseAlgorithm) -> Arguments:
         "returns": plain(monitor.episode_returns) if monitor else [],
         "lengths": plain(monitor.episode_lengths) if monitor else [],
         "robots": [plain(state) for state in states],
-        "generators": _read_generators(model),
+        "generators": _collect_generators(model),
         "memory": [part.tolist() for part in _memory(model)],
     }
 
 
 def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
-    """Restore the state of the training that :func:`read_state` returned.
+    """Restore the state of the training that :func:`collect_state` returned.
 
     Before the next rollout begins, Stable-Baselines3 samples exploration noise. Therefore call
     :func:`restore_generators` again at the beginning of the rollout.
@@ -153,7 +153,7 @@ def plain(value: object) -> object:
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
-def _read_generators(model: BaseAlgorithm) -> Arguments:
+def _collect_generators(model: BaseAlgorithm) -> Arguments:
     """Return the state of all random number generators and of exploration noise that lasts."""
     noise = _lasting_noise(model)
     return {
@@ -169,7 +169,7 @@ def restore_generators(model: BaseAlgorithm, state: Arguments) -> None:
 
     Args:
         model: Model to change.
-        state: State that :func:`read_state` returned.
+        state: State that :func:`collect_state` returned.
     """
     saved = state["generators"]
     twister = saved["numpy"]["state"]

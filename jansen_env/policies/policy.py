@@ -76,6 +76,9 @@ class Policy(Protocol):
     ) -> tuple[Any, Memory]:
         """Return the actions for a batch of observations, and the state to pass back.
 
+        Scoring calls ``predict(observations, state, starts, True)``, so keep the order of the
+        arguments.
+
         Args:
             observation: Observations of n robots, shape (n, d).
             state: State that the previous call returned. None at first.

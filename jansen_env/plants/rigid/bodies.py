@@ -461,7 +461,9 @@ class BodySpace:
             body = self.bodies[owner]
             place = joint_positions(robot, leg.side, leg.phase)[robot.linkage.all_pads[k][0]]
             circle = pymunk.Circle(body, robot.pad_radius, tuple(place - np.array(body.position)))
-            circle.friction = circle.elasticity = 1.0  # pymunk multiplies by the ground's values
+            # pymunk multiplies these by the values of the ground's shapes, whose elasticity is the
+            # restitution (`add_to` in terrain/).
+            circle.friction = circle.elasticity = 1.0
             circle.filter = pymunk.ShapeFilter(group=1)  # legs do not collide with each other
             pads.append(circle)
         return pads

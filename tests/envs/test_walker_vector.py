@@ -158,7 +158,7 @@ def test_members_can_be_asked_and_told():
         ({"terrain": ["flat", "flat", "flat"]}, "terrain"),
         ({"speed_command": np.ones(3)}, "speed_command"),
         ({"plant": "rigid_body"}, "vectorization_mode='sync'"),
-        ({"joint_play": 3e-4}, "joint_play must be .* vectorization_mode='sync'"),
+        ({"joint_play": 3e-4}, "joint_play must be .*vectorization_mode='sync'"),
         ({"track_joint_forces": True}, "track_joint_forces"),
         ({"render_mode": "human"}, "render_mode"),
         ({"autoreset_mode": "never"}, "autoreset_mode must be .*, got 'never'"),

@@ -36,5 +36,5 @@ def test_what_is_like_no_name_gets_the_names_alone(value):
 
 @pytest.mark.parametrize("level, told", [(3, "3"), ((1, 4), r"\(1, 4\)")])
 def test_a_terrain_level_is_told_as_it_was_given(level, told):
-    with pytest.raises(ValueError, match=f"^terrain_level must be 0 on a ground .*, got {told}"):
+    with pytest.raises(ValueError, match=f"^terrain_level must be 0 for terrain .*, got {told}"):
         gym.make("JansenWalker-v0", terrain_level=level)

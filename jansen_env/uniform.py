@@ -2,7 +2,8 @@
 
 Resets use these functions to sample the crank angle and speed, the values of the task, the delay,
 randomised parameters and seeds, and ``Terrain.rough`` uses them, too. Random numbers within an
-episode, such as sensor noise and pushes, come from :mod:`jansen_env.engine.random`. Web pages sample resets with :mod:`jansen_env.engine.pcg64`.
+episode, such as sensor noise and pushes, come from :mod:`jansen_env.engine.random`. Web pages
+sample resets with :mod:`jansen_env.engine.pcg64`.
 """
 
 from __future__ import annotations

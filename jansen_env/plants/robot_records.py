@@ -32,7 +32,7 @@ class RobotRecords:
     """Values of n robots that change during an episode or at a reset, one record per robot.
 
     The records do not contain the robots with their link lengths, the terrains, the levels in the
-    curriculum and the random number generators. The attributes are views of the records.
+    curriculum or the random number generators. The attributes are views of the records.
 
     Args:
         count: Number of robots n.

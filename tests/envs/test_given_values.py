@@ -152,7 +152,7 @@ CASES = {
     "terminate_when_fallen": Case(
         False, lambda task, i, info: bool(task.ended[i]), needs={"fall_pitch": 1e-6}
     ),
-    "arrival_weight": Case(3.0, lambda task, i, info: task._arrival),
+    "arrival_weight": Case(3.0, lambda task, i, info: task.arrival_weight),
     "tracking_weight": weight("tracking", at_zero=0.0),
     "torque_weight": weight("torque", at_zero=0.0),
 }

@@ -125,7 +125,7 @@ def test_tracks_that_a_policy_cannot_play_are_left_out(tmp_path, capsys):
         (["--policy", "pid", "--name", "a|b", "--out", "x.json"], "--name must be text"),
         (["--policy", "pid", "--out", f"{__file__}/x.json"], "--out must be a folder"),
         (["none.json"], "none.json cannot be read"),
-        ([__file__], "is no result file"),
+        ([__file__], "is not a result file"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments, message, capsys, tmp_path):

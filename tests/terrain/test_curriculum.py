@@ -48,7 +48,7 @@ def test_levels_of_a_batch():
     envs.reset()
     assert envs.get_attr("terrain_level") == (5, 5, 5)
     envs.close()
-    with pytest.raises(ValueError, match=r"terrain_level must be 0 on a ground .* got 3"):
+    with pytest.raises(ValueError, match=r"terrain_level must be 0 for terrain .* got 3"):
         gym.make("JansenWalker-v0", terrain_level=3)
 
 

@@ -516,7 +516,7 @@ def one_or_two(name: str, value: object) -> tuple[float, float]:
 
 
 def set_checked(part: object, check: Callable[[str, object], object], *names: str) -> None:
-    """Replace fields of a frozen dataclass by the values that ``check`` returns for them."""
+    """Replace fields of a frozen dataclass with the values that ``check`` returns for them."""
     for name in names:
         value = check(f"{type(part).__name__}.{name}", getattr(part, name))
         object.__setattr__(part, name, value)

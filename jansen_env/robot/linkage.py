@@ -226,7 +226,7 @@ class Linkage:
         pairs = {(pin.joint, frozenset(pin[1:])) for pin in self.pins if pin.body != pin.other}
         if len(pairs) < len(self.pins) or meeting(self.pins) != meeting(self._pins()):
             raise ValueError(
-                "Linkage.pins must hold all bodies together at each joint, such as "
+                "Linkage.pins must hold all bodies together at each joint, for example "
                 f"{shown(self._pins())}, got {shown(self.pins)}"
             )
 

@@ -26,7 +26,8 @@ from jansen_env.sb3.run_config import ALGORITHMS, Arguments, RunConfig, find_con
 from jansen_env.scoring.rollout import make_env
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
-# Largest size of an unpacked model file. Models of the configurations in this package have 0.2 MB.
+# Largest size of an unpacked model file. Models of the configurations in this package are about
+# 0.2 MB in size.
 MAX_BYTES = 2**28
 MAX_STEPS = 10**12  # largest number of time steps of a model's training
 CLIP = 10.0  # largest magnitude of a normalised observation, in standard deviations

@@ -348,7 +348,7 @@ class EpisodeParameters:
             for name, fixed in self._fixed.items():
                 if not fixed[i] and name not in (*randomization, *given):
                     numbers[name] = getattr(terrain, name)
-            # Compliant pads may exclude the restitution that the generated terrain has.
+            # Compliant pads may be incompatible with the restitution of the generated terrain.
             if terrain.restitution != numbers["restitution"]:
                 terrain = replace(terrain, restitution=float(numbers["restitution"]))
         self._check_feet(robot or self._plant.robots[i], numbers)

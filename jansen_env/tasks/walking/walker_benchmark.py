@@ -71,7 +71,7 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -
 
 
 def constant_torque(torque: Setting, env: Controlled) -> Policy:
-    """Return a policy with one constant torque per command, which is the conclusion of the paper.
+    """Return a policy with one constant torque per command, as the paper concludes.
 
     Args:
         torque: Function that returns torques in N m, shape (n,), for commanded speeds in m/s, shape

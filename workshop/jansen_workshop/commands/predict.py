@@ -198,7 +198,7 @@ def predict(
         ValueError: If copies of the robot stand still.
     """
     robots, known, errors = draw_copies(robot, WITHIN, copies)
-    pid = gains_of(robot, "steady")  # gains of the nominal robot; a copy matches no design
+    pid = gains_of(robot, "steady")  # gains of the nominal robot; a copied robot matches no design
     measured = measure(robots, known, speed, pid, advance)
     measured["step_climbed"] = climb(robots, known, speed, pid, advance)
     inputs = {name: values[:, None] for name, values in known.items() if name != "start"}

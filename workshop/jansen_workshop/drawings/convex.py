@@ -149,7 +149,7 @@ def gap(polygon: Points, other: Points) -> NDArray[np.float64]:
         z = a[..., :, None] - p
         along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
         least = np.minimum(least, abs(z - np.clip(along, 0.0, 1.0) * way).min(axis=(-2, -1)))
-        # Whether each corner of a is on the left of each side of b.
+        # Whether each corner of polygon a is to the left of each side of polygon b.
         left = np.sign((way.conj() * z).imag)
         within = abs(left.sum(axis=-1)) == max(3, b.shape[-1])
         least = np.where(within.any(axis=-1), 0.0, least)

@@ -373,7 +373,7 @@ class Manual:
         return partial(draw_column, title, [bolt[stack.axle], *rows, bolt[1]])
 
     def _block(self, stack: Stack, row: Row) -> tuple[str, str, float]:
-        """Return text, colour and width of the block that shows an entry of a stack."""
+        """Return the text, the colour and the width of the block that shows an entry of a stack."""
         text = self.label(row)
         if row.item is None:
             return text, "0.8", 0.34

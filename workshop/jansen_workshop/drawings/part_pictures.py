@@ -1,6 +1,6 @@
 """Pictures of the instructions: flat parts, links, exploded legs, stacks, phases and wiring.
 
-Each function draws one picture on axes of matplotlib. Lengths are in mm.
+Each function draws one picture on Matplotlib axes. Lengths are in mm.
 """
 
 from __future__ import annotations

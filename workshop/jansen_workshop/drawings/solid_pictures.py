@@ -1,6 +1,6 @@
 """Pictures of the solid model in the instructions: views, a section along the shaft, and ties.
 
-Each function draws one picture on axes of matplotlib. Lengths are in mm.
+Each function draws one picture on Matplotlib axes. Lengths are in mm.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ Run the experiment as follows. The default folder is docs/reference_problems.
 
 The script solves problems from the IFToMM library of multibody benchmarks and problems with
 contact, which are in ``contact_problems.py``. It prints a table and writes ``results.json``. The
-page docs/reference_problems.md contains the table. WINDOWS is the number of windows of the larger
+page docs/reference_problems.md contains the table. The script also writes ``A03.txt`` and
+``A02.txt``, which can be submitted to the library. WINDOWS is the number of windows of the larger
 N-four-bar mechanism, 40 by default. The run takes about a minute on two cores.
 """
 
@@ -51,7 +52,7 @@ from jansen_env.dynamics.projection import (
 )
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.dynamics.spring_forces import spring_lengths
-from jansen_env.files import write_json
+from jansen_env.files import write_json, write_text
 from jansen_env.robot import Dyad, Linkage, Plate, Spring
 from jansen_env.robot.kinematics import coordinates
 
@@ -65,12 +66,17 @@ SQUEEZER_TORQUE = 0.033  # torque on K1, in N m
 SQUEEZER_START = -0.0617138900142764496358948458001  # angle beta of K1
 SQUEEZER_END = 15.81077119629904  # angle beta at SQUEEZER_TIME
 SQUEEZER_SPEED = 1139.920302151208  # rate of beta at SQUEEZER_TIME
+SQUEEZER_CRANK = 0.007  # length of K1, in m
 
 # IFToMM A02, the N-four-bar mechanism: N windows of uniform bars of 1 m and 1 kg.
 # https://www.iftomm-multibody.org/benchmark/problem/N_four-bar_mechanism
 FOUR_BAR_TIME = 10.0  # s
 FOUR_BAR_SPEED = -1.0  # initial rate of the upright cranks, in rad/s
 FOUR_BAR_END = 0.3284581115, 0.9445185382  # end of the first crank of two windows at 10 s, in m
+
+# Times of the files for the library, in s. The library simulates A03 for longer than the source of
+# its reference solution. The times of SQUEEZER_END and FOUR_BAR_END are among them.
+SUBMITTED_TIMES = {"A03": np.linspace(0.0, 0.05, 501), "A02": np.linspace(0.0, 10.0, 1001)}
 
 
 def squeezer() -> Robot:
@@ -99,7 +105,13 @@ def squeezer() -> Robot:
         linkage=linkage,
         bodies=(
             Plate(frame, mass=1.0, inertia=1.0),  # at rest
-            _link((0.0, 0.0), (0.007, 0.0), centre=(0.00092, 0.0), mass=0.04325, inertia=2.194e-6),
+            _link(
+                (0.0, 0.0),
+                (SQUEEZER_CRANK, 0.0),
+                centre=(0.00092, 0.0),
+                mass=0.04325,
+                inertia=2.194e-6,
+            ),
             _link((0.0, 0.0), (0.028, 0.0), centre=(0.0115, 0.0), mass=0.00365, inertia=4.41e-7),
             _link(
                 (0.0, 0.0),
@@ -137,18 +149,33 @@ class Motion(NamedTuple):
     """Result of a simulation.
 
     Attributes:
-        angle: Angle at the end, in rad.
-        speed: Its rate, in rad/s.
-        drift: Largest energy that appeared or disappeared, in J.
-        evaluations: Number of evaluations of the acceleration.
+        times: Times, in s.
+        angles: Angle at each time, in rad.
+        speeds: Its rate at each time, in rad/s.
+        energy_errors: Energy that has appeared since the beginning, at each time, in J.
         seconds: CPU time of the simulation, in s.
     """
 
-    angle: float
-    speed: float
-    drift: float
-    evaluations: int
+    times: Array
+    angles: Array
+    speeds: Array
+    energy_errors: Array
     seconds: float
+
+    @property
+    def angle(self) -> float:
+        """Angle at the end, in rad."""
+        return float(self.angles[-1])
+
+    @property
+    def speed(self) -> float:
+        """Rate of the angle at the end, in rad/s."""
+        return float(self.speeds[-1])
+
+    @property
+    def drift(self) -> float:
+        """Largest energy that appeared or disappeared, in J."""
+        return float(np.abs(self.energy_errors).max())
 
 
 def _integrate(
@@ -157,6 +184,7 @@ def _integrate(
     start: tuple[float, float],
     duration: float,
     tolerance: float,
+    times: Array | None = None,
 ) -> Motion:
     """Integrate the motion of one angle by the method DOP853.
 
@@ -164,27 +192,33 @@ def _integrate(
         acceleration: Function of the angle and its rate.
         energy: Energy without the work that is put in, a function of the angle and its rate.
         start: Angle and rate at the beginning.
-        duration: Duration, in s.
+        duration: Duration, in s, if ``times`` is None.
         tolerance: Relative tolerance of a time step; the absolute tolerance is a hundredth of it.
+        times: Times of the result, in s; None for the time steps of the method.
     """
     begun = time.process_time()
     solved = solve_ivp(
         lambda _, state: (state[1], acceleration(*state)),
-        (0.0, duration),
+        (0.0, duration if times is None else times[-1]),
         start,
         method="DOP853",
+        t_eval=times,
         rtol=tolerance,
         atol=0.01 * tolerance,
     )
     seconds = time.process_time() - begun
     energies = np.array([energy(*state) for state in solved.y.T])
-    drift = float(np.abs(energies - energies[0]).max())
-    angle, speed = solved.y[:, -1].tolist()
-    return Motion(angle, speed, drift, solved.nfev, seconds)
+    angles, speeds = solved.y
+    return Motion(solved.t, angles, speeds, energies - energies[0], seconds)
 
 
-def squeezer_by_tables(tolerance: float = 1e-13) -> Motion:
-    """Simulate the squeezer by the reduced equation k beta'' + k' beta'^2 / 2 + V' = torque."""
+def squeezer_by_tables(tolerance: float = 1e-13, times: Array | None = None) -> Motion:
+    """Simulate the squeezer by the reduced equation k beta'' + k' beta'^2 / 2 + V' = torque.
+
+    Args:
+        tolerance: Relative tolerance of a time step.
+        times: Times of the result, in s; None for the time steps until :data:`SQUEEZER_TIME`.
+    """
     tables = compile_robot(squeezer())
 
     def acceleration(angle: float, speed: float) -> float:
@@ -195,7 +229,8 @@ def squeezer_by_tables(tolerance: float = 1e-13) -> Motion:
         sums = body_sums(tables, angle)
         return float(0.5 * sums.k * speed * speed + sums.V - SQUEEZER_TORQUE * angle)
 
-    return _integrate(acceleration, energy, (SQUEEZER_START, 0.0), SQUEEZER_TIME, tolerance)
+    start = SQUEEZER_START, 0.0
+    return _integrate(acceleration, energy, start, SQUEEZER_TIME, tolerance, times)
 
 
 def squeezer_by_projection(tolerance: float = 1e-13) -> Motion:
@@ -218,7 +253,8 @@ def squeezer_by_projection(tolerance: float = 1e-13) -> Motion:
         stored = 0.5 * spring.stiffness * stretch * stretch
         return float(0.5 * mass * speed * speed + stored - SQUEEZER_TORQUE * angle)
 
-    return _integrate(acceleration, energy, (SQUEEZER_START, 0.0), SQUEEZER_TIME, tolerance)
+    start = SQUEEZER_START, 0.0
+    return _integrate(acceleration, energy, start, SQUEEZER_TIME, tolerance)
 
 
 class FourBars:
@@ -287,10 +323,15 @@ class FourBars:
         height = (0.5 * (n + 1) + n) * math.sin(angle)
         return 0.5 * inertia * speed * speed + GRAVITY * height
 
-    def solve(self, tolerance: float = 1e-11) -> Motion:
-        """Simulate ten seconds from upright cranks that turn at :data:`FOUR_BAR_SPEED`."""
+    def solve(self, tolerance: float = 1e-11, times: Array | None = None) -> Motion:
+        """Simulate the motion from upright cranks that turn at :data:`FOUR_BAR_SPEED`.
+
+        Args:
+            tolerance: Relative tolerance of a time step.
+            times: Times of the result, in s; None for the time steps until :data:`FOUR_BAR_TIME`.
+        """
         start = 0.5 * math.pi, FOUR_BAR_SPEED
-        return _integrate(self.acceleration, self.energy, start, FOUR_BAR_TIME, tolerance)
+        return _integrate(self.acceleration, self.energy, start, FOUR_BAR_TIME, tolerance, times)
 
 
 class Row(NamedTuple):
@@ -311,8 +352,8 @@ class Row(NamedTuple):
     seconds: float
 
 
-def measure(windows: int) -> list[Row]:
-    """Solve all problems.
+def measure_mechanisms(windows: int) -> list[Row]:
+    """Solve the problems without contact.
 
     Args:
         windows: Number of windows of the larger N-four-bar mechanism.
@@ -336,7 +377,42 @@ def measure(windows: int) -> list[Row]:
                 quantity = f"end of the first crank at 10 s, {axis}, m"
                 rows.append(Row(name, quantity, published, ours, motion.seconds))
         rows.append(Row(name, "largest energy error, J", 0.0, motion.drift, motion.seconds))
-    return rows + measure_contacts()
+    return rows
+
+
+def solve_submissions() -> dict[str, Motion]:
+    """Solve the problems of the library at the times of the files that can be submitted."""
+    return {
+        "A03": squeezer_by_tables(times=SUBMITTED_TIMES["A03"]),
+        "A02": FourBars(2).solve(tolerance=1e-13, times=SUBMITTED_TIMES["A02"]),
+    }
+
+
+def measure_submissions(motions: dict[str, Motion]) -> list[Row]:
+    """Return the accuracy and the CPU time that the library asks for."""
+    names = {"A03": "A03 squeezer, submission", "A02": "A02 four-bar, submission"}
+    return [
+        Row(names[problem], "largest energy error, J", 0.0, motion.drift, motion.seconds)
+        for problem, motion in motions.items()
+    ]
+
+
+def submission(problem: str, motion: Motion) -> str:
+    """Return the content of a file that can be submitted to the library.
+
+    The library compares the position of one point in both problems: the end of the first crank.
+    """
+    point, length = {"A03": ("F", SQUEEZER_CRANK), "A02": ("B0", 1.0)}[problem]
+    header = f"% time_s {point}_x_m {point}_y_m crank_angle_rad crank_speed_rad/s energy_error_J"
+    lines = [header]
+    for moment, angle, speed, energy_error in zip(
+        motion.times, motion.angles, motion.speeds, motion.energy_errors, strict=True
+    ):
+        x = length * math.cos(angle)
+        y = length * math.sin(angle)
+        values = " ".join(f"{value:.14e}" for value in (x, y, angle, speed))
+        lines.append(f"{moment:.4f} {values} {energy_error:.2e}")
+    return "\n".join(lines) + "\n"
 
 
 def measure_contacts() -> list[Row]:
@@ -422,13 +498,16 @@ def table(rows: list[Row]) -> str:
 
 
 def main() -> None:
-    """Solve all problems, print the table and write the data."""
+    """Solve all problems, print the table, and write the data and the files for the library."""
     windows = int(sys.argv[1]) if len(sys.argv) > 1 else 40
     folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/reference_problems")
     folder.mkdir(parents=True, exist_ok=True)
-    rows = measure(windows)
+    motions = solve_submissions()
+    rows = measure_mechanisms(windows) + measure_submissions(motions) + measure_contacts()
     print(table(rows))
     write_json(folder / "results.json", [row._asdict() for row in rows])
+    for problem, motion in motions.items():
+        write_text(folder / f"{problem}.txt", submission(problem, motion))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from jansen_env.robot.robot_file import read_robot
@@ -113,6 +114,20 @@ def test_the_page_about_reference_problems_shows_its_data() -> None:
     page = (ROOT / "docs" / "reference_problems.md").read_text(encoding="utf-8")
     problems = import_module("reference_problems")
     assert problems.table([problems.Row(**row) for row in rows]) in page
+
+
+@pytest.mark.parametrize(("problem", "moment"), [("A03", 0.03), ("A02", 10.0)])
+def test_the_files_for_the_library_have_the_published_values(problem: str, moment: float) -> None:
+    """The rows at all times are there, and one of them has a published position."""
+    problems = import_module("reference_problems")
+    rows = np.loadtxt(ROOT / "docs" / "reference_problems" / f"{problem}.txt", comments="%")
+    assert rows[:, 0] == pytest.approx(problems.SUBMITTED_TIMES[problem])
+    _, x, y, angle, speed, _ = rows[np.argmin(np.abs(rows[:, 0] - moment))]
+    if problem == "A03":
+        assert angle == pytest.approx(problems.SQUEEZER_END, abs=1e-8)
+        assert speed == pytest.approx(problems.SQUEEZER_SPEED, rel=1e-9)
+    else:
+        assert (x, y) == pytest.approx(problems.FOUR_BAR_END, abs=1e-9)
 
 
 def test_the_robot_files_of_the_page_about_springs_are_its_robots() -> None:

@@ -4,7 +4,7 @@ Run the example as follows. It prints how often the robot reaches its goal.
 
     python examples/hindsight_replay.py [STEPS] [EPISODES]
 
-The default is 40,000 steps, which take a quarter of an hour, and 30 episodes.
+The default is 40,000 steps, which take about 20 minutes of one core, and 30 episodes.
 """
 
 import sys

@@ -199,7 +199,7 @@ class EpisodeLengths:
             now = {**nominal, **self.changed[i]}
             self.values[i] = tuple(now.values())
             if len(self._columns) > 0:
-                # If the nominal length is 0, as for an offset, the share is the change itself, in m.
+                # If the nominal length is 0, as for an offset, the share is the change in m.
                 shares = [(now[k] - nominal[k]) / (nominal[k] or 1.0) for k in nominal]
                 self._observation[i, self._columns] = shares
 

@@ -168,7 +168,7 @@ def _run(
     if args.resume and resume is None:
         print(f"there is no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
-        print(f"{folder} is finished: trained for {model.num_timesteps} of {target} steps")
+        print(f"{folder} is finished after {model.num_timesteps} steps; the run has {target}")
     else:
         record_run(folder, config, command)
         if resume is not None:

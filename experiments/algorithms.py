@@ -1,37 +1,34 @@
 """Which algorithm learns to walk best with the same budget and the same number of trials?
 
-Run the experiment as follows. It takes about four hours of one core.
+Run the experiment as follows. It takes about two hours of one core.
 
-    python experiments/algorithms.py [--workers 2] [--seeds 10] [--logs logs/algorithms] [--quick]
+    python experiments/algorithms.py [--workers 2] [--seeds N] [--logs logs/algorithms] [--quick]
 
-A run has a budget of 90 s of processor time, or of 200,000 steps. For each budget, every algorithm
-is tuned with five trials on JansenWalkerBuilt-v0. A trial draws its hyperparameters from the ranges
-in :func:`drawn`, trains on one of the seeds 100 to 102 until half of the budget of 90 s or the
-whole budget of 200,000 steps is spent, and scores its last model by the mean return over the
-commands of the environment, in episodes that are not test episodes. All algorithms have the same
-observations, reward and wrappers, and networks have the same features of the observations. ARS has
-its linear policy, which knows no features.
+A run has a budget of 90 s of processor time. Every algorithm is tuned with five trials on
+JansenWalkerBuilt-v0. A trial draws its hyperparameters from the ranges in :func:`drawn`, trains for
+about half of the budget on one of the seeds 100 to 102, and scores its last model by the mean
+return over the commands of the environment, in episodes that are not test episodes. All algorithms
+have the same observations, reward and wrappers, and networks have the same features of the
+observations. ARS has its linear policy, which knows no features.
 
-The hyperparameters of the best trial then train on the seeds 1 to 10, and the benchmark scores the
-last model of each run. The runs on rough terrain use the same hyperparameters. The script writes a
-result file ``results/ALGORITHM_BUDGET_SEED.json`` for each run, the hyperparameters
-``agents/studies/equal/ALGORITHM_BUDGET.yml``, and docs/algorithms/algorithms.json with all trials.
-Jobs whose files exist are left out, so that the experiment can be interrupted.
+The hyperparameters of the best trial then train on the seeds 1 to N, with as many steps as the
+budget allows at the cost that the trial measured. The benchmark scores the last model of each run
+on the track ``flat``. The script writes a result file ``results/ALGORITHM_90s_flat_SEED.json`` for
+each run, the hyperparameters ``agents/studies/equal/ALGORITHM_90s.yml``, and
+docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist are left out, so
+that the experiment can be interrupted.
 """
 
 import argparse
 import itertools
 import os
 import time
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
-
-os.environ |= {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": "1"}  # a run has one core
+from typing import Any
 
 import numpy as np
 import torch
@@ -58,51 +55,27 @@ ROOT = Path(__file__).parents[1]
 DATA, PAGE = "algorithms/algorithms.json", "studies.md"
 ALGORITHMS = ("ppo", "sac", "tqc", "ars")
 SECONDS = 90.0  # budget of a run, in s of processor time
-STEPS = 200_000  # the other budget of a run
-TRIALS = 5  # per algorithm and budget
-BUDGETS = {"90s": "90 s", "200k": "200000 steps"}
+TRACK = "flat"  # track on which the runs are scored
+TRIALS = 5  # per algorithm
+SEEDS = 3  # number of training seeds
 FEATURES = {"normalize": True, "harmonics": 4, "half_turn": True}
 """Features of the observations, which all networks get."""
-PAIRS = ["track", "first", "second", "probability that the first is better", "p after Holm"]
-ON_TERRAIN = ("ppo", "sac")  # algorithms that are also trained on rough terrain
-TERRAIN_SEEDS = 5
+PAIRS = ["first", "second", "probability that the first is better", "p after Holm"]
 
 
-class Job(NamedTuple):
-    """A run of an algorithm on a track.
-
-    Attributes:
-        algo: Name of the algorithm.
-        budget: Budget of the run, a key of :data:`BUDGETS`.
-        track: Name of the track.
-        seed: Seed of the run.
-    """
-
-    algo: str
-    budget: str
-    track: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """Name of the job in files and folders."""
-        return f"{self.algo}_{self.budget}_{self.track}_{self.seed}"
-
-    @property
-    def title(self) -> str:
-        """Name of the algorithm and its budget in tables of the benchmark."""
-        return f"{self.algo.upper()}, {BUDGETS[self.budget]}"
+def title(algo: str) -> str:
+    """Return the name of an algorithm in tables of the benchmark."""
+    return f"{algo.upper()}, {SECONDS:.0f} s"
 
 
-def drawn(algo: str, budget: str, trial: int) -> RunConfig:
+def drawn(algo: str, trial: int) -> RunConfig:
     """Return the configuration of a trial; its number of steps is not yet that of its budget.
 
     Args:
         algo: Name of the algorithm.
-        budget: Budget of the run.
         trial: Number of the trial, which seeds the draws.
     """
-    random = np.random.default_rng([ALGORITHMS.index(algo), list(BUDGETS).index(budget), trial])
+    random = np.random.default_rng([ALGORITHMS.index(algo), 0, trial])
 
     def pick(*values: Any) -> Any:
         return values[random.integers(len(values))]
@@ -141,13 +114,12 @@ def drawn(algo: str, budget: str, trial: int) -> RunConfig:
         features["log_std_init"] = pick(0.0, -0.5, -1.0)
     else:
         common["n_envs"] = 64
-        updates = (2, 4, 8) if budget == "90s" else (8, 16)
         hyperparameters = {
             "learning_rate": f"linear_{between(3e-4, 3e-3)}",
             "learning_starts": 3200,
             "buffer_size": 300_000,
             "batch_size": 256,
-            "gradient_steps": pick(*updates),
+            "gradient_steps": pick(2, 4, 8),
             "gamma": pick(0.98, 0.99, 0.995),
             "tau": pick(0.005, 0.01, 0.02),
             "ent_coef": pick("auto_0.01", "auto_0.1"),
@@ -179,19 +151,23 @@ def with_budget(config: RunConfig, seconds: float) -> RunConfig:
     else:
         short = rollout(config)
         longer = (3 if config.algo == "ppo" else 2) * short
-    first = learning_time(config, short)
-    second = learning_time(config, longer)
+    first, _ = learn(config, short)
+    second, _ = learn(config, longer)
     steps = longer + (seconds - second) * (longer - short) / (second - first)
     return replace(config, timesteps=max(rollout(config), int(steps)))
 
 
-def learning_time(config: RunConfig, steps: int, folder: Path | None = None) -> float:
-    """Train a configuration; return the processor time of the training, in s.
+def learn(config: RunConfig, steps: int, folder: Path | None = None) -> tuple[float, int]:
+    """Train a configuration.
 
     Args:
         config: The configuration.
         steps: Number of steps.
         folder: Folder of the run. If None, the model is not saved.
+
+    Returns:
+        The processor time of the training, in s, and the number of steps that were trained. The
+        training ends with a whole rollout.
     """
     config = replace(config, timesteps=steps)
     model = prepare(config)
@@ -203,43 +179,35 @@ def learning_time(config: RunConfig, steps: int, folder: Path | None = None) -> 
     else:
         record_run(folder, config, "experiments/algorithms.py")
         train(model, config, folder, eval_every=0, save_every=0, progress=False)
-    return time.process_time() - start
+    return time.process_time() - start, model.num_timesteps
 
 
-def try_out(algo: str, budget: str, trial: int, logs: Path, share: float) -> dict[str, Any]:
+def try_out(algo: str, trial: int, logs: Path, seconds: float) -> dict[str, Any]:
     """Train the configuration of a trial, and return it with its return.
 
     Args:
         algo: Name of the algorithm.
-        budget: Budget of the run.
         trial: Number of the trial.
         logs: Folder of the runs.
-        share: Share of the budget that is used.
+        seconds: Processor time of the trial, in s.
     """
     torch.set_num_threads(1)
-    file = logs / f"{algo}_{budget}_trial_{trial}.yml"
+    file = logs / f"{algo}_90s_trial_{trial}.yml"
     if file.exists():
         return yaml.safe_load(file.read_text(encoding="utf-8"))
-    config = drawn(algo, budget, trial)
-    if budget == "90s":
-        full = with_budget(config, SECONDS * share)
-        config = replace(full, timesteps=max(rollout(full), full.timesteps // 2))
-        whole = full.timesteps
-    else:
-        whole = int(STEPS * share)
-        config = replace(config, timesteps=whole)
+    config = with_budget(drawn(algo, trial), seconds)
     folder = logs / file.stem
-    seconds = learning_time(config, config.timesteps, folder)
+    spent, trained = learn(config, config.timesteps, folder)
     found = {
         "algorithm": algo,
-        "budget": budget,
         "trial": trial,
         "return": mean_return(folder, config),
-        "seconds": round(seconds, 1),
-        "config": asdict(replace(config, timesteps=whole)),
+        "seconds": spent,
+        "trained": trained,
+        "config": asdict(config),
     }
     write_text(file, yaml.safe_dump(found))
-    print(algo, budget, trial, f"{found['return']:.1f}", round(seconds), flush=True)
+    print(algo, trial, f"{found['return']:.1f}", round(spent), flush=True)
     return found
 
 
@@ -251,64 +219,41 @@ def mean_return(folder: Path, config: RunConfig) -> float:
     return scores["model"]["overall"]["return"][0]
 
 
-def train_and_score(job: Job, config: RunConfig, logs: Path, results: Path) -> dict[str, Any]:
-    """Train a run and score its last model.
+def train_and_score(config: RunConfig, logs: Path, results: Path) -> dict[str, Any]:
+    """Train a run, score its last model, and return the run with its scores.
 
     Args:
-        job: The job.
-        config: Configuration of the algorithm.
+        config: Configuration of the run.
         logs: Folder of the runs.
         results: Folder of the result files.
     """
     torch.set_num_threads(1)
-    track = TRACKS[job.track]
-    config = replace(config, env=track.env_id, seed=job.seed)
-    note = logs / f"{job.name}.yml"
-    file = results / f"{job.name}.json"
+    track = TRACKS[TRACK]
+    name = f"{config.algo}_90s_{TRACK}_{config.seed}"
+    note = logs / f"{name}.yml"
+    file = results / f"{name}.json"
     if note.exists() and file.exists():
         return yaml.safe_load(note.read_text(encoding="utf-8"))
-    folder = logs / job.name
-    seconds = learning_time(config, config.timesteps, folder)
+    folder = logs / name
+    seconds, trained = learn(config, config.timesteps, folder)
     with closing(track.make_env()) as env:
         policy = load_named(str(folder / FINAL), env)
     columns = rounded(run_track(policy, track))
     digest = policy_sha256(str(folder / FINAL), track.env_id)
-    result = TrackResult(job.name, digest, columns)
-    write_result(file, new_result(job.title, {job.track: result}))
-    weights = track.episodes.weight
-    metrics = {"score": track.primary, "success": "success", "load": "load"}
-    done = {
-        **job._asdict(),
-        "steps": config.timesteps,
-        "seconds": round(seconds, 1),
+    write_result(file, new_result(title(config.algo), {TRACK: TrackResult(name, digest, columns)}))
+    done: dict[str, Any] = {
+        "algorithm": config.algo,
+        "seed": config.seed,
+        "seconds": seconds,
+        "trained": trained,
         **{
-            name: round(float(metric_value(columns, METRICS[metric], weights)), 4)
-            for name, metric in metrics.items()
+            metric: float(metric_value(columns, METRICS[metric], track.episodes.weight))
+            for metric in ("return", "success", "load")
         },
     }
     write_text(note, yaml.safe_dump(done))
-    print(job.name, done["score"], round(seconds), flush=True)
+    print(name, round(done["return"], 1), round(seconds), flush=True)
     return done
-
-
-def jobs(seeds: int) -> Iterator[Job]:
-    """Return all runs in the order in which they are done.
-
-    Args:
-        seeds: Number of seeds on the flat track.
-    """
-    for seed in range(1, seeds + 1):
-        for algo in ALGORITHMS:
-            yield Job(algo, "90s", "flat", seed)
-            if algo in ("ppo", "ars"):
-                yield Job(algo, "200k", "flat", seed)
-    for seed in range(1, min(seeds, TERRAIN_SEEDS) + 1):
-        for algo in ON_TERRAIN:
-            for track in ("terrain", "robust"):
-                yield Job(algo, "90s", track, seed)
-    for seed in range(1, seeds + 1):
-        for algo in ("sac", "tqc"):
-            yield Job(algo, "200k", "flat", seed)
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
@@ -318,67 +263,57 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
         results: All trials, and all runs with their scores.
     """
     head = [
-        "track",
         "algorithm",
         "runs",
         "steps",
         "processor time (s)",
-        "best trial",
-        "score",
+        "returns of the trials",
+        "return",
         "lowest",
         "highest",
         "success",
         "load (weights)",
     ]
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for run in results["runs"]:
-        title = f"{run['algo'].upper()}, {BUDGETS[run['budget']]}"
-        groups.setdefault((run["track"], title), []).append(run)
     rows = []
-    scores = {}
-    for (track, title), runs in groups.items():
-        first = runs[0]
-        trials = [
-            trial["return"]
-            for trial in results["trials"]
-            if (trial["algorithm"], trial["budget"]) == (first["algo"], first["budget"])
-        ]
-        score = scores[track, title] = np.array([run["score"] for run in runs])
-        decimals = 0 if TRACKS[track].primary == "return" else 2
+    returns = {}
+    for algo in ALGORITHMS:
+        runs = [run for run in results["runs"] if run["algorithm"] == algo]
+        if not runs:
+            continue
+        trials = [each["return"] for each in results["trials"] if each["algorithm"] == algo]
+        scores = returns[algo.upper()] = np.array([run["return"] for run in runs])
+        seconds = [run["seconds"] for run in runs]
         rows.append(
             [
-                track,
-                title,
+                algo.upper(),
                 str(len(runs)),
-                f"{first['steps']:,}",
-                f"{np.mean([run['seconds'] for run in runs]):.0f}",
-                f"{max(trials):.0f}",
-                *(f"{value:.{decimals}f}" for value in (score.mean(), score.min(), score.max())),
+                f"{np.mean([run['trained'] for run in runs]):,.0f}",
+                f"{min(seconds):.0f} to {max(seconds):.0f}",
+                ", ".join(f"{value:.0f}" for value in sorted(trials)),
+                *(f"{value:.0f}" for value in (scores.mean(), scores.min(), scores.max())),
                 f"{np.mean([run['success'] for run in runs]):.2f}",
                 f"{np.mean([run['load'] for run in runs]):.1f}",
             ]
         )
-    return {PAGE: [table(head, rows, texts=2), table(PAIRS, pairs(scores), texts=3)]}
+    return {PAGE: [table(head, rows), table(PAIRS, pairs(returns), texts=2)]}
 
 
-def pairs(scores: dict[tuple[str, str], Any]) -> list[list[str]]:
-    """Return rows that compare the algorithms in pairs, with Holm's correction within a track.
+def pairs(returns: dict[str, Any]) -> list[list[str]]:
+    """Return rows that compare the algorithms in pairs, with Holm's correction.
 
     Args:
-        scores: Score of each run, by track and algorithm.
+        returns: Return of each run, by algorithm.
     """
+    tests = []
+    for first, second in itertools.combinations(returns, 2):
+        ours, theirs = returns[first], returns[second]
+        test = mannwhitneyu(ours, theirs, method="exact")
+        tests.append((test.pvalue, first, second, test.statistic / len(ours) / len(theirs)))
     rows = []
-    for track in TRACKS:
-        known = [title for name, title in scores if name == track]
-        tests = []
-        for first, second in itertools.combinations(known, 2):
-            ours, theirs = scores[track, first], scores[track, second]
-            test = mannwhitneyu(ours, theirs, method="exact")
-            tests.append((test.pvalue, first, second, test.statistic / len(ours) / len(theirs)))
-        largest = 0.0
-        for rank, (p, first, second, better) in enumerate(sorted(tests)):
-            largest = max(largest, min(1.0, p * (len(tests) - rank)))
-            rows.append([track, first, second, f"{better:.2f}", f"{largest:.3f}"])
+    largest = 0.0
+    for rank, (p, first, second, better) in enumerate(sorted(tests)):
+        largest = max(largest, min(1.0, p * (len(tests) - rank)))
+        rows.append([first, second, f"{better:.2f}", f"{largest:.2f}"])
     return rows
 
 
@@ -389,46 +324,39 @@ def main() -> None:
     )
     add = parser.add_argument
     add("--workers", type=int, default=2, help="number of runs side by side (2)")
-    add("--seeds", type=int, default=10, help="number of training seeds on the flat track (10)")
-    add("--only", nargs="+", choices=BUDGETS, default=[*BUDGETS], help="budgets (all)")
+    add("--seeds", type=int, default=SEEDS, help=f"number of training seeds ({SEEDS})")
     add("--logs", type=Path, default=ROOT / "logs" / "algorithms", help="folder of the runs")
     add("--out", type=Path, default=DOCS, help="folder of the page and its data (docs)")
     add("--quick", action="store_true", help="try the program in a tiny setting")
     args = parser.parse_args()
-    algorithms, budgets, trials, share = [*ALGORITHMS], args.only, TRIALS, 1.0
+    algorithms, trials, budget, seeds = list(ALGORITHMS), TRIALS, SECONDS, args.seeds
     results = ROOT / "results"
     chosen = ROOT / "agents" / "studies" / "equal"
-    planned = list(jobs(args.seeds))
     if args.quick:
-        algorithms, budgets, trials, share = [*ALGORITHMS[:2]], ["90s"], 1, 0.01
+        algorithms, trials, budget, seeds = ["ppo"], 1, 1.0, 1
         args.logs = results = chosen = args.out / "logs"
-        planned = planned[:1]
     for folder in (args.logs, results, chosen):
         folder.mkdir(parents=True, exist_ok=True)
+    os.environ |= {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": "1"}  # a run has one core
     with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
         tried = [
-            pool.submit(try_out, algo, budget, trial, args.logs, share)
-            for budget in budgets
+            pool.submit(try_out, algo, trial, args.logs, budget / 2)
             for trial in range(trials)
             for algo in algorithms
         ]
         found = [trial.result() for trial in tried]
-        configs = {}
-        for algo, budget in itertools.product(algorithms, budgets):
-            own = [
-                trial for trial in found if (trial["algorithm"], trial["budget"]) == (algo, budget)
-            ]
+        configs = []
+        for algo in algorithms:
+            own = [trial for trial in found if trial["algorithm"] == algo]
             best = max(own, key=lambda trial: trial["return"])
-            config = RunConfig(**best["config"])
-            if budget == "90s":  # the trial had half of the budget, and measured what it costs
-                steps = int(config.timesteps * SECONDS * share / 2 / best["seconds"])
-                config = replace(config, timesteps=max(rollout(config), steps))
-            configs[algo, budget] = config
-            write_text(chosen / f"{algo}_{budget}.yml", yaml.safe_dump(asdict(config)))
+            steps = int(best["trained"] * budget / best["seconds"])
+            config = RunConfig(**{**best["config"], "timesteps": steps})
+            write_text(chosen / f"{algo}_90s.yml", yaml.safe_dump(asdict(config)))
+            configs.append(config)
         runs = [
-            pool.submit(train_and_score, job, configs[job.algo, job.budget], args.logs, results)
-            for job in planned
-            if job.budget in budgets
+            pool.submit(train_and_score, replace(config, seed=seed), args.logs, results)
+            for seed in range(1, seeds + 1)
+            for config in configs
         ]
         done = [run.result() for run in runs]
     data = {"trials": found, "runs": done}

@@ -69,6 +69,8 @@ def test_pages_show_the_data(name: str) -> None:
     """Each page has all tables of the data, as they stand, and names the command."""
     if name in IN_MUJOCO:
         pytest.importorskip("mujoco")
+    if name in TRAINING:
+        pytest.importorskip("stable_baselines3")
     experiment = import_module(name)
     results = json.loads((ROOT / "docs" / experiment.DATA).read_text(encoding="utf-8"))
     for page, tables in experiment.tables(results).items():

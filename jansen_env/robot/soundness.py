@@ -71,7 +71,8 @@ def check_loaded(name: str, robot: Robot, standing: bool = True) -> Robot:
 
     The function issues a warning if the height, a length or a mass differs so much from that of a
     robot of human scale (for the height, by more than a factor of ten) that it may be in a wrong
-    unit. The warning names the likely unit.
+    unit. The warning names the unit of the quantity and, for heights and masses, the unit
+    that is likely to be meant.
 
     Args:
         name: Name of the argument that contains the robot, for messages.

@@ -292,7 +292,7 @@ def scales() -> dict[str, Scale]:
     """Return the frozen scale of each track by name.
 
     The score 0 is that of standing or of random actions, whichever is better. The score 1 is that
-    of the pretrained policy of version 0.1.0.
+    of the pretrained policy that the package contained when the protocol was frozen.
     """
     values = json.loads(REFERENCE.read_text("utf-8"))
     return {

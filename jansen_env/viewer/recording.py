@@ -194,7 +194,8 @@ class Recording:
                 wrong = array[~(np.abs(array) <= LARGEST)]
             if wrong.size:
                 raise ValueError(
-                    f"{name} must contain finite numbers of at most {LARGEST:g}, got {wrong[0]}"
+                    f"{name} must contain finite numbers from {-LARGEST:g} to {LARGEST:g}, "
+                    f"got {wrong[0]}"
                 )
             array.flags.writeable = False
             object.__setattr__(self, name, array)

@@ -95,7 +95,7 @@ def test_finished_run_stays_as_it_is(tmp_path, returns, no_scores, capsys):
     names = (runs.FINAL, "config.yml", "command.txt", "evaluations.json")
     before = [(tmp_path / name).read_bytes() for name in names]
     train.main(["--resume", str(tmp_path), "-n", "100"])
-    assert f"is finished: trained for {STEPS} of 100 steps" in capsys.readouterr().out
+    assert f"is finished after {STEPS} steps; the run has 100" in capsys.readouterr().out
     assert [(tmp_path / name).read_bytes() for name in names] == before
     train.main(["--resume", str(tmp_path), "-n", str(STEPS + 32), "--no-progress"])
     assert f"resuming from {tmp_path / runs.FINAL} at {STEPS} steps" in capsys.readouterr().out

@@ -1,5 +1,7 @@
 """The goal-conditioned form of the goal task, which hindsight experience replay needs."""
 
+import pickle
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -45,6 +47,32 @@ def test_steps_are_those_of_the_goal_task(env):
         np.testing.assert_allclose(between, theirs[0][distance], atol=1e-6)
         assert ours[1:4] == theirs[1:4]
     plain.close()
+
+
+def test_a_fall_terminates_an_episode_with_any_goal(env):
+    fallen = [step for step in walk(env, 200) if step[2]]
+    assert fallen
+    assert all(env.compute_terminated(np.zeros(1), np.ones(1), step[4]) for step in fallen)
+
+
+def test_a_copy_has_observations_and_rewards_of_its_own(env):
+    walk(env, 10)
+    other = pickle.loads(pickle.dumps(env))
+    action = np.full(1, 0.5, np.float32)
+    for _ in range(30):
+        ours, theirs = env.step(action), other.step(action)
+    env.reset(seed=3)
+    assert other.compute_reward(theirs[0]["achieved_goal"], np.zeros(1), theirs[4]) == (
+        env.compute_reward(ours[0]["achieved_goal"], np.zeros(1), ours[4])
+    )
+    again, _ = other.reset(seed=3)
+    for name, values in env.reset(seed=3)[0].items():
+        np.testing.assert_array_equal(values, again[name])
+
+
+def test_information_without_the_energy_is_refused(env):
+    with pytest.raises(ValueError, match="copy_info_dict=True"):
+        env.compute_reward(np.zeros((1, 1)), np.ones((1, 1)), [{}])
 
 
 def test_another_goal_gives_the_reward_of_an_episode_with_this_goal(env):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jansen_env.arrays import Array
 from jansen_env.checks import invalid
-from jansen_env.tasks.goal.goal_env import FARTHEST, JansenGoalEnv, arrived, closeness
+from jansen_env.tasks.goal.goal_env import FARTHEST, GoalTask, JansenGoalEnv, arrived, closeness
 from jansen_env.world.settings import Values
 
 GoalObservation: TypeAlias = dict[str, NDArray[Any]]
@@ -54,7 +54,6 @@ class GoalConditioned(
         if env.observation_space != goal_env.observation_space:
             raise invalid("env", env, "JansenGoal-v0 in wrappers that keep its observations")
         super().__init__(env)
-        self._task = goal_env.task
         names = [observed.name for observed in goal_env.observed]
         distance = names.index("goal_distance")
         space = cast("gym.spaces.Box", env.observation_space)
@@ -68,6 +67,11 @@ class GoalConditioned(
             }
         )
         self.observation_space = cast("gym.Space[GoalObservation]", spaces)
+
+    @property
+    def _task(self) -> GoalTask:
+        """Task of the environment. It is looked up anew, because a copy has a task of its own."""
+        return cast("JansenGoalEnv", self.unwrapped).task
 
     def compute_reward(
         self,
@@ -84,12 +88,21 @@ class GoalConditioned(
 
         Returns:
             The reward, or the rewards, shape (n,).
+
+        Raises:
+            ValueError: If the information lacks the energy factor of the reward.
         """
         distance = np.abs(np.asarray(desired_goal) - achieved_goal)[..., 0]
+        single = isinstance(info, Mapping)
+        infos = [info] if isinstance(info, Mapping) else info
+        if any("reward/energy" not in step for step in infos):
+            raise ValueError(
+                "info must contain 'reward/energy', got none; HerReplayBuffer needs "
+                "copy_info_dict=True"
+            )
         near = closeness(distance) + arrived(distance, self._task.arrival_weight)
-        if isinstance(info, Mapping):
-            return float(near * info["reward/energy"])
-        return near * np.array([step["reward/energy"] for step in info])
+        reward = near * np.array([step["reward/energy"] for step in infos])
+        return float(reward[0]) if single else reward
 
     def compute_terminated(self, achieved_goal: Array, desired_goal: Array, info: Values) -> bool:
         """Return whether the robot has fallen. The goal has no influence on it.
@@ -101,15 +114,17 @@ class GoalConditioned(
         """
         return bool(info["fallen"])
 
-    def compute_truncated(self, achieved_goal: Array, desired_goal: Array, info: Values) -> bool:
-        """Return False. The time limit of ``gym.make`` truncates episodes.
+    def compute_truncated(
+        self, achieved_goal: Array, desired_goal: Array, info: Mapping[str, Any]
+    ) -> bool:
+        """Return whether the simulation has diverged. A time limit also truncates episodes.
 
         Args:
             achieved_goal: Not used.
             desired_goal: Not used.
-            info: Not used.
+            info: Information of the step.
         """
-        return False
+        return bool(info["diverged"])
 
     def observation(self, observation: NDArray[Any]) -> GoalObservation:
         """Return the observation of the wrapper.

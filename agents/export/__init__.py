@@ -44,11 +44,12 @@ def export(
         ValueError: If there is no such policy, if it is damaged, or if a part of it cannot be
             packed; if the name is not valid in C; or if the policy is not suitable for firmware.
     """
-    if (file := shipped_file(run, env_id or DEFAULT)) is None and env_id is not None:
+    file = shipped_file(run, env_id or DEFAULT)
+    policy, short = read(file or run)
+    if file is None and env_id is not None:
         raise ValueError(
             f"--env must not be given for {run}, whose files name the environment, got {env_id}"
         )
-    policy, short = read(file or run)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", f"{policy.env_id}_{short}").lower()
     default = re.sub(r"[^a-z0-9]+", "_", words).strip("_")[:50]  # leaves room for _firmware
     name = c_source.check_name(default if name is None else name)

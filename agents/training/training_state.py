@@ -213,9 +213,8 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
         ValueError: If the file is not a replay buffer, or if the buffer in it has another size or
             belongs to other environments.
     """
-    valid = named_errors(
-        f"{path} is not a replay buffer", Exception
-    )  # NumPy raises nearly every type
+    # NumPy raises errors of nearly every type.
+    valid = named_errors(f"{path} is not a replay buffer", Exception)
     with valid, open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
         size = sum(member.file_size for member in archive.zip.infolist())
         most = sum(getattr(buffer, name).nbytes for name in ARRAYS) + 10_000  # including headers

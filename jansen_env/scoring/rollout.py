@@ -34,9 +34,8 @@ REDUCTIONS: dict[str, Callable[..., Array]] = {
     "sum": lambda total, value, **_: total + value,
     "steady": lambda total, value, early, **_: total if early else total + value,
     "peak": lambda total, value, **_: np.maximum(total, np.abs(value)),
-    "rms": lambda total, value, dt, **_: (
-        total + np.square(value) * dt
-    ),  # root and mean follow later
+    # The mean and the root follow at the end of the episode.
+    "rms": lambda total, value, dt, **_: total + np.square(value) * dt,
     "last": lambda total, value, **_: value,
     "early": lambda total, value, early, **_: value if early else total,
     "change": lambda total, value, last, **_: total + np.abs(value - last),

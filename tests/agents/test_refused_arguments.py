@@ -7,9 +7,11 @@ import pytest
 from agents import export, tune
 from benchmarks import speed
 from jansen_env.cli import enjoy, evaluate, replay
+from jansen_env.policies import pretrained
 from jansen_workshop.commands import drawings, predict
 
 HASHES = Path(__file__).parents[2] / "jansen_env" / "scoring" / "walk_hashes.json"
+POLICY = pretrained.shipped("JansenCrank-v0")
 REFUSED = {
     (evaluate, "--policy", "constant", "--out", "out"): [
         (["--env-kwargs", "{max_episode_steps: -1}"], "max_episode_steps"),
@@ -29,7 +31,7 @@ REFUSED = {
         (["--levels", "1", "--robustness"], "--levels cannot be combined with --robustness"),
     ],
     (export, "--to", "c", "--out", "out"): [
-        (["none", "--env", "JansenCrank-v0"], "--env must not be given for none, whose files"),
+        ([str(POLICY), "--env", "JansenCrank-v0"], "ppo.json, whose files name the environment"),
         (["none"], "must be the file of a model"),
         (["pretrained:none"], "policy must be one of"),
         (["pretrained", "--name", "a b"], "name must be a letter"),

@@ -182,7 +182,7 @@ def test_the_page_is_the_report_of_its_data(tmp_path):
 
 
 def test_another_study_in_the_same_folder_is_refused(finished):
-    with pytest.raises(ValueError, match="contains another study; give another --name"):
+    with pytest.raises(ValueError, match="contains another study; choose another --name"):
         study.run_study(study.parse(["--seeds", "3"]), finished)
 
 

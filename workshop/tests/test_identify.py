@@ -48,7 +48,7 @@ def changed(tmp_path, change):
     (lambda head, rows: (head, rows * [1.0, 57.3, 1.0, 1.0, 1.0]), "lines 6 to .* crank must turn"),
     (lambda head, rows: (head, rows * [1.05, 1.0, 1.0, 1.0, 1.0]), "the clock is wrong"),
     (lambda head, rows: (head, rows * [1.0, 1.0, -1.0, 1.0, 1.0]), "mean torque must have the"),
-    (lambda head, rows: (head.replace("torque_Nm", "current_A"), rows), "must give torque_constant"),
+    (lambda head, rows: (head.replace("torque_Nm", "current_A"), rows), "give torque_constant"),
 ])  # fmt: skip
 def test_logs_that_cannot_be_right_are_refused(change, message, tmp_path):
     with pytest.raises(ValueError, match=message):

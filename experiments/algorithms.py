@@ -1,6 +1,6 @@
 """Which algorithm learns to walk best with the same budget and the same number of trials?
 
-Run the experiment as follows. It takes about two hours of one core.
+Run the experiment as follows. It takes about 45 minutes of one core.
 
     python experiments/algorithms.py [--workers 2] [--seeds N] [--logs logs/algorithms] [--quick]
 
@@ -11,12 +11,12 @@ return over the commands of the environment, in episodes that are not test episo
 have the same observations, reward and wrappers, and networks have the same features of the
 observations. ARS has its linear policy, which knows no features.
 
-The hyperparameters of the best trial then train on the seeds 1 to N, with as many steps as the
-budget allows at the cost that the trial measured. The benchmark scores the last model of each run
-on the track ``flat``. The script writes a result file ``results/ALGORITHM_90s_flat_SEED.json`` for
-each run, the hyperparameters ``agents/studies/equal/ALGORITHM_90s.yml``, and
-docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist are left out, so
-that the experiment can be interrupted.
+The hyperparameters of the best trial then train on the seeds 1 to N. The number of steps is the
+budget divided by the time per step that the trial measured. The benchmark scores the last model of
+each run on the track ``flat``. The script writes a result file
+``results/ALGORITHM_90s_flat_SEED.json`` for each run, the hyperparameters
+``agents/studies/equal/ALGORITHM_90s.yml``, and docs/algorithms/algorithms.json with all trials and
+runs. Jobs whose files exist are left out, so that the experiment can be interrupted.
 """
 
 import argparse
@@ -137,7 +137,7 @@ def rollout(config: RunConfig) -> int:
 
 
 def with_budget(config: RunConfig, seconds: float) -> RunConfig:
-    """Return a configuration with as many steps as it takes in a given time.
+    """Return a configuration whose number of steps takes a given time.
 
     The configuration is trained twice, for a short time, and its cost extrapolated.
 

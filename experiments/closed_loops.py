@@ -130,7 +130,7 @@ class Machine(Protocol):
     """CPU time of all steps so far, in s."""
 
     quick: bool
-    """Whether a step is so quick that measuring gap and energy would distort its CPU time.
+    """Whether steps are so short that measuring the gap and the energy would distort the CPU time.
 
     The CPU time of such a mechanism is measured in separate runs.
     """

@@ -453,7 +453,7 @@ class AsManyAs(NamedTuple):
         if count != allowed:
             name = f"{type(part).__name__}.{self.field}"
             raise ValueError(
-                f"{name} must have as many entries as {self.other}, {allowed}, got {count}"
+                f"{name} must have {allowed} entries, as many as {self.other}, got {count}"
             )
 
 

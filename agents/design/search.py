@@ -290,9 +290,9 @@ def run_search(
             part = journal[end - n : end]
             if not np.array_equal(unit, part["unit"]):
                 raise ValueError(
-                    f"generation {end // n} of {path} must be the one that this search proposes, "
-                    "got another one: the plan, the seed or the version of a library has changed; "
-                    "choose another --name"
+                    f"generation {end // n} of {path} must contain the candidates that this search "
+                    "proposes, got other candidates: the plan, the seed or the version of a "
+                    "library has changed; choose another --name"
                 )
             optimiser.tell(objectives_of(plan, part), part["violation"])
             progress(journal[:end])

@@ -276,7 +276,7 @@ def test_a_damaged_journal_is_refused(tmp_path):
     other["unit"] = 0.0
     for rows, message in (
         (journal[["unit", "violation"]], "is damaged: it must have rows of"),
-        (other, "generation 1 of .* must be the one that this search proposes"),
+        (other, "generation 1 of .* must contain the candidates that this search proposes"),
     ):
         np.save(path, rows)
         with pytest.raises(ValueError, match=message):

@@ -132,7 +132,7 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "linkage": {**linkage, "dyads": [["B", "A", "P", 0], *linkage["dyads"][1:]]},
         },
-        "bodies must have as many entries as linkage.bodies, 8, got 7": {
+        "bodies must have 8 entries, as many as linkage.bodies, got 7": {
             **paper,
             "bodies": paper["bodies"][1:],
         },
@@ -148,7 +148,7 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "linkage": {**linkage, "damped": [[1, 99], *linkage["damped"][1:]]},
         },
-        "damping must have as many entries as linkage.damped, 10, got 1": {
+        "damping must have 10 entries, as many as linkage.damped, got 1": {
             **paper,
             "damping": [0.1],
         },

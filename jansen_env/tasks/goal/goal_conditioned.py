@@ -93,7 +93,6 @@ class GoalConditioned(
             ValueError: If the information lacks the energy factor of the reward.
         """
         distance = np.abs(np.asarray(desired_goal) - achieved_goal)[..., 0]
-        single = isinstance(info, Mapping)
         infos = [info] if isinstance(info, Mapping) else info
         if any("reward/energy" not in step for step in infos):
             raise ValueError(
@@ -102,7 +101,7 @@ class GoalConditioned(
             )
         near = closeness(distance) + arrived(distance, self._task.arrival_weight)
         reward = near * np.array([step["reward/energy"] for step in infos])
-        return float(reward[0]) if single else reward
+        return float(reward[0]) if isinstance(info, Mapping) else reward
 
     def compute_terminated(self, achieved_goal: Array, desired_goal: Array, info: Values) -> bool:
         """Return whether the robot has fallen. The goal has no influence on it.

@@ -125,7 +125,7 @@ function faultOfCount({ field, least, other }, values, start) {
   const allowed = other.split(".").reduce((part, name) => part[name], values).length;
   return (
     count !== allowed &&
-    `${start}${field} must have as many entries as ${other}, ${allowed}, got ${count}`
+    `${start}${field} must have ${allowed} entries, as many as ${other}, got ${count}`
   );
 }
 

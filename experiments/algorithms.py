@@ -1,22 +1,24 @@
 """Which algorithm learns to walk best with the same budget and the same number of trials?
 
-Run the experiment as follows. It takes about 45 minutes of one core.
+Run the experiment as follows. It takes about TIME of one core.
 
-    python experiments/algorithms.py [--workers 2] [--seeds N] [--logs logs/algorithms] [--quick]
+    python experiments/algorithms.py [--workers 2] [--only COMPARISON] [--logs logs/algorithms]
 
-A run has a budget of 90 s of processor time. Every algorithm is tuned with five trials on
-JansenWalkerBuilt-v0. A trial draws its hyperparameters from the ranges in :func:`drawn`, trains for
-about half of the budget on one of the seeds 100 to 102, and scores its last model by the mean
-return over the commands of the environment, in episodes that are not test episodes. All algorithms
-have the same observations, reward and wrappers, and networks have the same features of the
-observations. ARS has its linear policy, which knows no features.
+Each of the :data:`COMPARISONS` has a track of the benchmark and a budget for each run: either 90 s
+of processor time, or 200,000 steps of the environment. For each budget, every algorithm is tuned
+with five trials on JansenWalkerBuilt-v0. A trial draws its hyperparameters from the ranges in
+:func:`drawn`, trains for about half of the budget on one of the seeds 100 to 102, and scores its
+last model by the mean return over the commands of the environment, in episodes that are not test
+episodes. All algorithms have the same observations, reward and wrappers, and networks have the same
+features of the observations. ARS has its linear policy, which knows no features. The comparison
+``default_flat`` uses the hyperparameters of the libraries instead, without any features. The
+comparisons on rough terrain take the hyperparameters that were tuned on flat ground.
 
-The hyperparameters of the best trial then train on the seeds 1 to N. The number of steps is the
-budget divided by the time per step that the trial measured. The benchmark scores the last model of
-each run on the track ``flat``. The script writes a result file
-``results/ALGORITHM_90s_flat_SEED.json`` for each run, the hyperparameters
-``agents/studies/equal/ALGORITHM_90s.yml``, and docs/algorithms/algorithms.json with all trials and
-runs. Jobs whose files exist are left out, so that the experiment can be interrupted.
+The configurations train on the seeds 1 to N, and the benchmark scores the last model of each run.
+The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
+the hyperparameters ``agents/studies/equal/ALGORITHM_COMPARISON.yml``, and
+docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist are left out, so
+that the experiment can be interrupted.
 """
 
 import argparse
@@ -25,7 +27,7 @@ import os
 import time
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -40,7 +42,7 @@ from agents.training.runs import FINAL, record_run
 from agents.training.train_model import prepare, train
 from jansen_env.cli.named_policies import load_named, policy_sha256
 from jansen_env.files import write_text
-from jansen_env.sb3.run_config import RunConfig
+from jansen_env.sb3.run_config import RunConfig, load_config
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.protocol import METRICS, TRACKS, metric_value, run_track
 from jansen_env.scoring.result_files import (
@@ -54,28 +56,84 @@ from jansen_env.scoring.rollout import make_env
 ROOT = Path(__file__).parents[1]
 DATA, PAGE = "algorithms/algorithms.json", "studies.md"
 ALGORITHMS = ("ppo", "sac", "tqc", "ars")
-SECONDS = 90.0  # budget of a run, in s of processor time
-TRACK = "flat"  # track on which the runs are scored
 TRIALS = 5  # per algorithm
-SEEDS = 3  # number of training seeds
 FEATURES = {"normalize": True, "harmonics": 4, "half_turn": True}
 """Features of the observations, which all networks get."""
-PAIRS = ["first", "second", "probability that the first is better", "p after Holm"]
+SCORES = [
+    "algorithm",
+    "runs",
+    "steps",
+    "updates per 1,000 steps",
+    "processor time (s)",
+    "return",
+    "lowest",
+    "highest",
+    "success",
+    "load (weights)",
+]
+PAIRS = ["track and budget", "first", "second", "probability that the first is better", "p"]
 
 
-def title(algo: str) -> str:
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of several algorithms with the same budget on the same track.
+
+    Attributes:
+        budget: Name of the budget in names of files.
+        track: Name of the track of the benchmark.
+        runs: Number of training runs of each algorithm.
+        algorithms: Names of the algorithms.
+        seconds: Processor time of a run, in s. None if the steps are given.
+        steps: Number of environment steps of a run. None if the processor time is given.
+        tuned: Whether the hyperparameters are found with trials, rather than taken from the
+            comparison with the same budget on flat ground, or from the libraries.
+    """
+
+    budget: str
+    track: str
+    runs: int
+    algorithms: tuple[str, ...] = ALGORITHMS
+    seconds: float | None = 90.0
+    steps: int | None = None
+    tuned: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the comparison."""
+        return f"{self.budget}_{self.track}"
+
+    @property
+    def amount(self) -> str:
+        """Budget of a run, in words."""
+        defaults = "library defaults, " if self.budget == "default" else ""
+        amount = f"{self.seconds:.0f} s" if self.steps is None else f"{self.steps} steps"
+        return defaults + amount
+
+
+COMPARISONS = (
+    Comparison("90s", "flat", 10, tuned=True),
+    Comparison("200k", "flat", 5, seconds=None, steps=200_000, tuned=True),
+    Comparison("default", "flat", 5, ("ppo", "sac")),
+    Comparison("90s", "terrain", 5, ("ppo", "sac")),
+    Comparison("90s", "robust", 5, ("ppo", "sac")),
+)
+
+
+def title(algo: str, comparison: Comparison) -> str:
     """Return the name of an algorithm in tables of the benchmark."""
-    return f"{algo.upper()}, {SECONDS:.0f} s"
+    return f"{algo.upper()}, {comparison.amount}"
 
 
-def drawn(algo: str, trial: int) -> RunConfig:
+def drawn(algo: str, trial: int, few_steps: bool) -> RunConfig:
     """Return the configuration of a trial; its number of steps is not yet that of its budget.
 
     Args:
         algo: Name of the algorithm.
         trial: Number of the trial, which seeds the draws.
+        few_steps: Whether the budget is a number of steps. Then fewer robots train side by side,
+            and the networks are updated more often per step.
     """
-    random = np.random.default_rng([ALGORITHMS.index(algo), 0, trial])
+    random = np.random.default_rng([ALGORITHMS.index(algo), int(few_steps), trial])
 
     def pick(*values: Any) -> Any:
         return values[random.integers(len(values))]
@@ -92,20 +150,21 @@ def drawn(algo: str, trial: int) -> RunConfig:
     features = {**FEATURES, "net_arch": [64, 64]}
     hyperparameters: dict[str, Any]
     if algo == "ars":
-        common["n_envs"] = 16
+        common["n_envs"] = 4 if few_steps else 16
         features = {"net_arch": [], "with_bias": False, "squash_output": False}
         hyperparameters = {
-            "n_eval_episodes": 16,
+            "n_eval_episodes": common["n_envs"],
             "learning_rate": f"linear_{between(5e-3, 0.1)}",
             "delta_std": between(0.02, 0.3),
-            "n_delta": pick(8, 16, 32),
+            "n_delta": pick(4, 8) if few_steps else pick(8, 16, 32),
         }
     elif algo == "ppo":
-        common["n_envs"] = pick(16, 32, 64, 256)
+        common["n_envs"] = pick(8, 16, 32) if few_steps else pick(16, 32, 64, 256)
+        rollouts = pick(2048, 4096) if few_steps else pick(4096, 16384)
         hyperparameters = {
             "learning_rate": f"linear_{between(3e-4, 3e-3)}",
-            "n_steps": pick(4096, 16384) // common["n_envs"],
-            "batch_size": pick(512, 1024, 4096),
+            "n_steps": rollouts // common["n_envs"],
+            "batch_size": pick(128, 256, 512) if few_steps else pick(512, 1024, 4096),
             "n_epochs": int(random.integers(3, 13)),
             "gamma": pick(0.98, 0.99, 0.995),
             "gae_lambda": pick(0.95, 0.98),
@@ -113,13 +172,13 @@ def drawn(algo: str, trial: int) -> RunConfig:
         }
         features["log_std_init"] = pick(0.0, -0.5, -1.0)
     else:
-        common["n_envs"] = 64
+        common["n_envs"] = 16 if few_steps else 64
         hyperparameters = {
             "learning_rate": f"linear_{between(3e-4, 3e-3)}",
             "learning_starts": 3200,
             "buffer_size": 300_000,
             "batch_size": 256,
-            "gradient_steps": pick(2, 4, 8),
+            "gradient_steps": pick(1, 2) if few_steps else pick(2, 4, 8),
             "gamma": pick(0.98, 0.99, 0.995),
             "tau": pick(0.005, 0.01, 0.02),
             "ent_coef": pick("auto_0.01", "auto_0.1"),
@@ -146,8 +205,10 @@ def with_budget(config: RunConfig, seconds: float) -> RunConfig:
         seconds: Processor time, in s.
     """
     if config.algo in ("sac", "tqc"):
-        short = 3200 + 64 * 25
-        longer = 3200 + 64 * 250
+        # Updates begin after these steps, which cost less.
+        start = config.hyperparameters.get("learning_starts", 100)
+        short = start + 25 * config.n_envs
+        longer = start + 250 * config.n_envs
     else:
         short = rollout(config)
         longer = (3 if config.algo == "ppo" else 2) * short
@@ -182,20 +243,24 @@ def learn(config: RunConfig, steps: int, folder: Path | None = None) -> tuple[fl
     return time.process_time() - start, model.num_timesteps
 
 
-def try_out(algo: str, trial: int, logs: Path, seconds: float) -> dict[str, Any]:
-    """Train the configuration of a trial, and return it with its return.
+def try_out(algo: str, trial: int, comparison: Comparison, logs: Path) -> dict[str, Any]:
+    """Train the configuration of a trial with half of a budget, and return it with its return.
 
     Args:
         algo: Name of the algorithm.
         trial: Number of the trial.
+        comparison: Comparison with the budget.
         logs: Folder of the runs.
-        seconds: Processor time of the trial, in s.
     """
     torch.set_num_threads(1)
-    file = logs / f"{algo}_90s_trial_{trial}.yml"
+    file = logs / f"{algo}_{comparison.budget}_trial_{trial}.yml"
     if file.exists():
         return yaml.safe_load(file.read_text(encoding="utf-8"))
-    config = with_budget(drawn(algo, trial), seconds)
+    config = drawn(algo, trial, few_steps=comparison.steps is not None)
+    if comparison.steps is not None:
+        config = replace(config, timesteps=comparison.steps // 2)
+    elif comparison.seconds is not None:
+        config = with_budget(config, comparison.seconds / 2)
     folder = logs / file.stem
     spent, trained = learn(config, config.timesteps, folder)
     found = {
@@ -207,8 +272,37 @@ def try_out(algo: str, trial: int, logs: Path, seconds: float) -> dict[str, Any]
         "config": asdict(config),
     }
     write_text(file, yaml.safe_dump(found))
-    print(algo, trial, f"{found['return']:.1f}", round(spent), flush=True)
+    print(file.stem, f"{found['return']:.1f}", round(spent), flush=True)
     return found
+
+
+def best_config(algo: str, comparison: Comparison, trials: list[dict[str, Any]]) -> RunConfig:
+    """Return the configuration of the best trial, with the number of steps of a run."""
+    own = [trial for trial in trials if trial["algorithm"] == algo]
+    best = max(own, key=lambda trial: trial["return"])
+    steps = comparison.steps
+    if comparison.seconds is not None:
+        steps = int(best["trained"] * comparison.seconds / best["seconds"])
+    return RunConfig(**{**best["config"], "timesteps": steps})
+
+
+def untuned_config(algo: str, comparison: Comparison, source: Path) -> RunConfig:
+    """Return a configuration without trials on the track, with the number of steps of a run.
+
+    Args:
+        algo: Name of the algorithm.
+        comparison: The comparison, which has a budget in seconds.
+        source: Folder with the configurations that were tuned on flat ground.
+    """
+    torch.set_num_threads(1)
+    assert comparison.seconds is not None
+    track = TRACKS[comparison.track]
+    if comparison.budget == "default":
+        config = RunConfig(algo=algo, n_envs=1)
+    else:
+        config = load_config(source / f"{algo}_{comparison.budget}_flat.yml")
+    config = replace(config, env=track.env_id, env_kwargs=dict(track.env_kwargs))
+    return with_budget(config, comparison.seconds)
 
 
 def mean_return(folder: Path, config: RunConfig) -> float:
@@ -219,17 +313,20 @@ def mean_return(folder: Path, config: RunConfig) -> float:
     return scores["model"]["overall"]["return"][0]
 
 
-def train_and_score(config: RunConfig, logs: Path, results: Path) -> dict[str, Any]:
+def train_and_score(
+    config: RunConfig, comparison: Comparison, logs: Path, results: Path
+) -> dict[str, Any]:
     """Train a run, score its last model, and return the run with its scores.
 
     Args:
         config: Configuration of the run.
+        comparison: Comparison to which the run belongs.
         logs: Folder of the runs.
         results: Folder of the result files.
     """
     torch.set_num_threads(1)
-    track = TRACKS[TRACK]
-    name = f"{config.algo}_90s_{TRACK}_{config.seed}"
+    track = TRACKS[comparison.track]
+    name = f"{config.algo}_{comparison.name}_{config.seed}"
     note = logs / f"{name}.yml"
     file = results / f"{name}.json"
     if note.exists() and file.exists():
@@ -240,7 +337,8 @@ def train_and_score(config: RunConfig, logs: Path, results: Path) -> dict[str, A
         policy = load_named(str(folder / FINAL), env)
     columns = rounded(run_track(policy, track))
     digest = policy_sha256(str(folder / FINAL), track.env_id)
-    write_result(file, new_result(title(config.algo), {TRACK: TrackResult(name, digest, columns)}))
+    result = TrackResult(name, digest, columns)
+    write_result(file, new_result(title(config.algo, comparison), {track.name: result}))
     done: dict[str, Any] = {
         "algorithm": config.algo,
         "seed": config.seed,
@@ -252,68 +350,96 @@ def train_and_score(config: RunConfig, logs: Path, results: Path) -> dict[str, A
         },
     }
     write_text(note, yaml.safe_dump(done))
-    print(name, round(done["return"], 1), round(seconds), flush=True)
+    print(name, f"{done['return']:.1f} {done['success']:.3f}", round(seconds), flush=True)
     return done
 
 
+def updates(config: RunConfig) -> float:
+    """Return the number of updates of the networks, or of ARS's policy, per 1,000 steps."""
+    hyperparameters = config.hyperparameters
+    if config.algo == "ars":
+        return 1000.0 / rollout(config)
+    if config.algo == "ppo":
+        # The defaults of Stable-Baselines3 are 10 epochs and batches of 64.
+        return 1000.0 * hyperparameters.get("n_epochs", 10) / hyperparameters.get("batch_size", 64)
+    return 1000.0 * hyperparameters.get("gradient_steps", 1) / config.n_envs
+
+
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
-    """Return the tables of the page: the scores of the algorithms, and the algorithms in pairs.
+    """Return the tables of the page: trials, scores of each comparison, and algorithms in pairs.
 
     Args:
-        results: All trials, and all runs with their scores.
+        results: All trials, configurations, and runs with their scores.
     """
-    head = [
-        "algorithm",
-        "runs",
-        "steps",
-        "processor time (s)",
-        "returns of the trials",
-        "return",
-        "lowest",
-        "highest",
-        "success",
-        "load (weights)",
+    tuned = [comparison for comparison in COMPARISONS if comparison.tuned]
+    trials = [
+        [algo.upper(), *(sorted_returns(results["trials"], algo, each) for each in tuned)]
+        for algo in ALGORITHMS
     ]
-    rows = []
-    returns = {}
-    for algo in ALGORITHMS:
-        runs = [run for run in results["runs"] if run["algorithm"] == algo]
-        if not runs:
-            continue
-        trials = [each["return"] for each in results["trials"] if each["algorithm"] == algo]
-        scores = returns[algo.upper()] = np.array([run["return"] for run in runs])
-        seconds = [run["seconds"] for run in runs]
-        rows.append(
-            [
-                algo.upper(),
-                str(len(runs)),
-                f"{np.mean([run['trained'] for run in runs]):,.0f}",
-                f"{min(seconds):.0f} to {max(seconds):.0f}",
-                ", ".join(f"{value:.0f}" for value in sorted(trials)),
-                *(f"{value:.0f}" for value in (scores.mean(), scores.min(), scores.max())),
-                f"{np.mean([run['success'] for run in runs]):.2f}",
-                f"{np.mean([run['load'] for run in runs]):.1f}",
-            ]
-        )
-    return {PAGE: [table(head, rows), table(PAIRS, pairs(returns), texts=2)]}
+    head = ["algorithm", *(f"returns of the trials, {each.amount}" for each in tuned)]
+    scores, rows = [], []
+    for comparison in COMPARISONS:
+        runs = [run for run in results["runs"] if run["comparison"] == comparison.name]
+        configs = results["configs"].get(comparison.name, {})
+        scores.append(table(SCORES, [row(algo, runs, configs[algo]) for algo in configs]))
+        primary = TRACKS[comparison.track].primary
+        values = {
+            algo: np.array([run[primary] for run in runs if run["algorithm"] == algo])
+            for algo in configs
+        }
+        rows += [[f"{comparison.track}, {comparison.amount}", *pair] for pair in pairs(values)]
+    return {PAGE: [table(head, trials), *scores, table(PAIRS, rows, texts=3)]}
 
 
-def pairs(returns: dict[str, Any]) -> list[list[str]]:
-    """Return rows that compare the algorithms in pairs, with Holm's correction.
+def sorted_returns(trials: list[dict[str, Any]], algo: str, comparison: Comparison) -> str:
+    """Return the returns of an algorithm's trials in increasing order, for a cell of a table."""
+    returns = [
+        trial["return"]
+        for trial in trials
+        if (trial["algorithm"], trial["budget"]) == (algo, comparison.budget)
+    ]
+    return ", ".join(f"{value:.0f}" for value in sorted(returns))
+
+
+def row(algo: str, runs: list[dict[str, Any]], config: dict[str, Any]) -> list[str]:
+    """Return the row of an algorithm in the table of a comparison.
 
     Args:
-        returns: Return of each run, by algorithm.
+        algo: Name of the algorithm.
+        runs: Runs of the comparison.
+        config: Configuration of the algorithm.
+    """
+    own = [run for run in runs if run["algorithm"] == algo]
+    seconds = [run["seconds"] for run in own]
+    returns = np.array([run["return"] for run in own])
+    return [
+        algo.upper(),
+        str(len(own)),
+        f"{np.mean([run['trained'] for run in own]):,.0f}",
+        f"{updates(RunConfig(**config)):.2g}",
+        f"{min(seconds):.0f} to {max(seconds):.0f}",
+        *(f"{value:.0f}" for value in (returns.mean(), returns.min(), returns.max())),
+        f"{np.mean([run['success'] for run in own]):.2f}",
+        f"{np.mean([run['load'] for run in own]):.1f}",
+    ]
+
+
+def pairs(values: dict[str, Any]) -> list[list[str]]:
+    """Return rows that compare algorithms in pairs: the test of Mann and Whitney, after Holm.
+
+    Args:
+        values: Value of the primary metric of each run, by algorithm.
     """
     tests = []
-    for first, second in itertools.combinations(returns, 2):
-        ours, theirs = returns[first], returns[second]
-        test = mannwhitneyu(ours, theirs, method="exact")
+    for first, second in itertools.combinations(values, 2):
+        ours, theirs = values[first], values[second]
+        test = mannwhitneyu(ours, theirs, method="auto")
         tests.append((test.pvalue, first, second, test.statistic / len(ours) / len(theirs)))
     rows = []
     largest = 0.0
     for rank, (p, first, second, better) in enumerate(sorted(tests)):
         largest = max(largest, min(1.0, p * (len(tests) - rank)))
-        rows.append([first, second, f"{better:.2f}", f"{largest:.2f}"])
+        rows.append([first.upper(), second.upper(), f"{better:.2f}", f"{largest:.2g}"])
     return rows
 
 
@@ -322,45 +448,61 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    names = [comparison.name for comparison in COMPARISONS]
     add = parser.add_argument
     add("--workers", type=int, default=2, help="number of runs side by side (2)")
-    add("--seeds", type=int, default=SEEDS, help=f"number of training seeds ({SEEDS})")
+    add("--only", choices=names, help="run one comparison, and do not write the page")
     add("--logs", type=Path, default=ROOT / "logs" / "algorithms", help="folder of the runs")
     add("--out", type=Path, default=DOCS, help="folder of the page and its data (docs)")
     add("--quick", action="store_true", help="try the program in a tiny setting")
     args = parser.parse_args()
-    algorithms, trials, budget, seeds = list(ALGORITHMS), TRIALS, SECONDS, args.seeds
+    comparisons = [each for each in COMPARISONS if args.only in (None, each.name)]
+    trials = TRIALS
     results = ROOT / "results"
     chosen = ROOT / "agents" / "studies" / "equal"
     if args.quick:
-        algorithms, trials, budget, seeds = ["ppo"], 1, 1.0, 1
+        trials = 1
+        comparisons = [replace(COMPARISONS[0], runs=1, algorithms=("ppo",), seconds=1.0)]
         args.logs = results = chosen = args.out / "logs"
     for folder in (args.logs, results, chosen):
         folder.mkdir(parents=True, exist_ok=True)
     os.environ |= {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": "1"}  # a run has one core
+    data: dict[str, Any] = {"trials": [], "configs": {}, "runs": []}
     with ProcessPoolExecutor(args.workers, get_context("spawn")) as pool:
-        tried = [
-            pool.submit(try_out, algo, trial, args.logs, budget / 2)
-            for trial in range(trials)
-            for algo in algorithms
-        ]
-        found = [trial.result() for trial in tried]
-        configs = []
-        for algo in algorithms:
-            own = [trial for trial in found if trial["algorithm"] == algo]
-            best = max(own, key=lambda trial: trial["return"])
-            steps = int(best["trained"] * budget / best["seconds"])
-            config = RunConfig(**{**best["config"], "timesteps": steps})
-            write_text(chosen / f"{algo}_90s.yml", yaml.safe_dump(asdict(config)))
-            configs.append(config)
-        runs = [
-            pool.submit(train_and_score, replace(config, seed=seed), args.logs, results)
-            for seed in range(1, seeds + 1)
-            for config in configs
-        ]
-        done = [run.result() for run in runs]
-    data = {"trials": found, "runs": done}
-    publish(args.out, DATA, data, tables(data))
+        for comparison in comparisons:
+            found = []
+            if comparison.tuned:
+                jobs = [
+                    pool.submit(try_out, algo, trial, comparison, args.logs)
+                    for trial in range(trials)
+                    for algo in comparison.algorithms
+                ]
+                found = [job.result() for job in jobs]
+                data["trials"] += [{"budget": comparison.budget, **trial} for trial in found]
+            configs = {}
+            for algo in comparison.algorithms:
+                file = chosen / f"{algo}_{comparison.name}.yml"
+                if file.exists():
+                    configs[algo] = load_config(file)
+                elif comparison.tuned:
+                    configs[algo] = best_config(algo, comparison, found)
+                else:
+                    job = pool.submit(untuned_config, algo, comparison, chosen)
+                    configs[algo] = job.result()
+                write_text(file, yaml.safe_dump(asdict(configs[algo])))
+            data["configs"][comparison.name] = {
+                algo: asdict(config) for algo, config in configs.items()
+            }
+            runs = [
+                pool.submit(
+                    train_and_score, replace(config, seed=seed), comparison, args.logs, results
+                )
+                for seed in range(1, comparison.runs + 1)
+                for config in configs.values()
+            ]
+            data["runs"] += [{"comparison": comparison.name, **run.result()} for run in runs]
+    if args.only is None:
+        publish(args.out, DATA, data, tables(data))
 
 
 if __name__ == "__main__":

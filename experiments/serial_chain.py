@@ -22,19 +22,18 @@ import gymnasium as gym
 import numpy as np
 from pages import options, publish, table
 from scipy.stats import t as student
+from trained import ENV, score_policy, train_policy
 
-from jansen_env import ROBOTS, Payload, Robot, evaluate
+from jansen_env import ROBOTS, Payload, Robot
 from jansen_env.arrays import Array
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.policies.policy import columns
-from jansen_env.registration import training_folder
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.robot.robot_file import write_robot
 from jansen_env.tasks.walking.profile import READ, profile_torque
 
 DATA, PAGE = "serial_chain/serial_chain.json", "serial_chain.md"
 RUNS = Path("logs/serial_chain")
-ENV = "JansenWalkerBuilt-v0"
+COMMAND = "python experiments/serial_chain.py"
 COMMANDS = (0.1, 0.3, 0.5, 0.7)  # m/s
 SEED = 100  # seed of the episodes in which policies are compared
 PROFILE_COMMAND = 0.3  # command for which profiles are searched, in m/s
@@ -42,7 +41,6 @@ POPULATION, GENERATIONS = 20, 12  # candidates per generation; number of generat
 SEARCH_STEPS, EPISODE_STEPS = 200, 500  # control steps of a search and of a test
 GAIN = 3.0  # gain of the crank speed with which the search begins, in N m s/rad
 PROFILE_EPISODES = 32  # episodes in which a profile is tested
-STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
 MASSLESS = 1e-9  # mass of a link that a model leaves out, in kg
 CONTROLLERS = ("pretrained", "pretrained:robust", "profile", "pid")
 """Controllers that were trained or tuned on the closed linkage."""
@@ -223,36 +221,6 @@ def score_profile(numbers: Array, robot: Robot, episodes: int) -> float:
     return float(returns.mean())
 
 
-def train_policy(name: str, robot: Robot, seed: int, quick: bool) -> Path:
-    """Train a policy unless its file exists, and return the file.
-
-    Args:
-        name: Name of the model.
-        robot: The model.
-        seed: Seed of the training.
-        quick: Whether to train for two rollouts only.
-    """
-    from agents.training.config import new_config
-    from agents.training.runs import FINAL, record_run
-    from agents.training.train_model import prepare, train
-
-    folder = RUNS / f"{name.replace(' ', '_')}_{seed}"
-    if (folder / FINAL).is_file():
-        return folder / FINAL
-    folder.mkdir(parents=True, exist_ok=True)
-    write_robot(folder / "robot.json", robot)
-    config = new_config(
-        training_folder(ENV) / "quick.yml",
-        env_kwargs={"robot": str(folder / "robot.json")},
-        seed=seed,
-        timesteps=2 * 8 * 32 if quick else STEPS,
-        n_envs=8 if quick else None,
-    )
-    record_run(folder, config, "python experiments/serial_chain.py")
-    train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
-    return folder / FINAL
-
-
 def score(name: str, robot: Robot, episodes: int) -> dict[str, float | None]:
     """Return the metrics of a policy on a model, averaged over commands and episodes.
 
@@ -263,15 +231,8 @@ def score(name: str, robot: Robot, episodes: int) -> dict[str, float | None]:
         robot: The model.
         episodes: Number of episodes per command.
     """
-    from jansen_env.cli.named_policies import load_named
-    from jansen_env.scoring.rollout import make_env
-
-    env = make_env(ENV, {"robot": models()[CLOSED]})
-    policy = load_named(name, env)
-    env.close()
-    found = evaluate(
-        {"policy": policy}, ENV, {"robot": robot}, commands=COMMANDS, episodes=episodes, seed=SEED
-    )["policy"]["overall"]
+    closed = models()[CLOSED]
+    found = score_policy(name, robot, COMMANDS, episodes, SEED, made_for=closed)["overall"]
     return {metric: found[metric][0] for metric in METRICS}
 
 
@@ -377,7 +338,8 @@ def main() -> None:
     scores: Means = {name: {other: [] for other in robots} for name in robots}
     for seed in policies:
         for name, robot in robots.items():
-            file = train_policy(name, robot, seed, args.quick)
+            folder = RUNS / f"{name.replace(' ', '_')}_{seed}"
+            file = train_policy(folder, robot, seed, COMMAND, args.quick)
             for other, there in robots.items():
                 scores[name][other].append(score(str(file), there, episodes))
             returns = [scores[name][other][-1]["return"] for other in robots]

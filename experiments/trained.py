@@ -1,0 +1,71 @@
+"""Policies that experiments train with PPO on robots of their own, and tests of these policies."""
+
+from pathlib import Path
+from typing import Any
+
+from jansen_env import Robot, evaluate
+from jansen_env.registration import training_folder
+from jansen_env.robot.robot_file import write_robot
+
+ENV = "JansenWalkerBuilt-v0"
+STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
+
+
+def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: bool) -> Path:
+    """Train a policy unless its file exists, and return the file.
+
+    Args:
+        folder: Folder of the run.
+        robot: Robot on which the policy is trained.
+        seed: Seed of the training.
+        command: Command that started the experiment.
+        quick: Whether to train for two rollouts only.
+    """
+    from agents.training.config import new_config
+    from agents.training.runs import FINAL, record_run
+    from agents.training.train_model import prepare, train
+
+    if (folder / FINAL).is_file():
+        return folder / FINAL
+    folder.mkdir(parents=True, exist_ok=True)
+    write_robot(folder / "robot.json", robot)
+    config = new_config(
+        training_folder(ENV) / "quick.yml",
+        env_kwargs={"robot": str(folder / "robot.json")},
+        seed=seed,
+        timesteps=2 * 8 * 32 if quick else STEPS,
+        n_envs=8 if quick else None,
+    )
+    record_run(folder, config, command)
+    train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
+    return folder / FINAL
+
+
+def score_policy(
+    name: str,
+    robot: Robot,
+    commands: tuple[float, ...],
+    episodes: int,
+    seed: int,
+    made_for: Robot | None = None,
+) -> dict[str, Any]:
+    """Return the scores of a policy on a robot, as :func:`jansen_env.evaluate` returns them.
+
+    Args:
+        name: Name of a baseline or of a pretrained policy, or the file of a policy.
+        robot: Robot on which the policy is tested.
+        commands: Commanded speeds, in m/s.
+        episodes: Number of episodes per command.
+        seed: Seed of the initial states.
+        made_for: Robot for which a baseline is made. None for the robot of the test.
+    """
+    from jansen_env.cli.named_policies import load_named
+    from jansen_env.scoring.rollout import make_env
+
+    env = make_env(ENV, {"robot": made_for or robot})
+    policy = load_named(name, env)
+    env.close()
+    scores = evaluate(
+        {"policy": policy}, ENV, {"robot": robot}, commands=commands, episodes=episodes, seed=seed
+    )
+    return scores["policy"]

@@ -22,11 +22,7 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         quick: Whether to train for two rollouts only.
     """
     from agents.training.config import new_config
-    from agents.training.runs import FINAL, record_run
-    from agents.training.train_model import prepare, train
 
-    if (folder / FINAL).is_file():
-        return folder / FINAL
     folder.mkdir(parents=True, exist_ok=True)
     write_robot(folder / "robot.json", robot)
     config = new_config(
@@ -36,9 +32,26 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         timesteps=2 * 8 * 32 if quick else STEPS,
         n_envs=8 if quick else None,
     )
-    record_run(folder, config, command)
-    train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
-    return folder / FINAL
+    return train_run(folder, config, command)
+
+
+def train_run(folder: Path, config: Any, command: str) -> Path:
+    """Train a configuration unless its last model exists, and return the file of this model.
+
+    Args:
+        folder: Folder of the run.
+        config: The configuration, a :class:`jansen_env.sb3.run_config.RunConfig`.
+        command: Command that started the experiment.
+    """
+    from agents.training.runs import FINAL, record_run
+    from agents.training.train_model import prepare, train
+
+    file = folder / FINAL
+    if not file.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        record_run(folder, config, command)
+        train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
+    return file
 
 
 def score_policy(

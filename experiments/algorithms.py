@@ -112,7 +112,7 @@ class Comparison:
 
 COMPARISONS = (
     Comparison("90s", "flat", 10, tuned=True),
-    Comparison("200k", "flat", 5, seconds=None, steps=200_000, tuned=True),
+    Comparison("200k", "flat", 5, ("ppo", "sac", "ars"), None, 200_000, tuned=True),
     Comparison("default", "flat", 5, ("ppo", "sac")),
     Comparison("90s", "terrain", 5, ("ppo", "sac")),
     Comparison("90s", "robust", 5, ("ppo", "sac")),

@@ -29,6 +29,11 @@ that of the middle half of the runs (Agarwal et al., NeurIPS 2021); brackets are
 interval, over training runs, drawn within each environment. With few runs that covers less: some
 75 % with 3 runs, 90 % with 10. Intervals over episodes are in each run's scores.json. Core s: of
 the run's processor time."""
+FIGURES = """\
+The figures show the learning curves of the groups against environment steps (upper left panel) and
+against the processor time of a run, including its evaluations (upper right). Solid and dotted lines
+are IQMs, bands contain all runs, and dashed lines are the baselines. The lower panel shows, for
+each return, the fraction of runs and commands with a higher return."""
 
 
 def write_report(folder: Path) -> str:
@@ -57,7 +62,8 @@ def write_report(folder: Path) -> str:
     if "threshold" not in returns:  # the column is optional
         returns["threshold"] = returns.env.map(threshold_of)
     table = groups_table(returns)
-    parts = [f"# {folder.name}", table, NOTES.replace("\n", " ")]
+    notes = [text.replace("\n", " ") for text in (NOTES, FIGURES)]
+    parts = [f"# {folder.name}", table, *notes]
     for env, of_env in returns.groupby("env"):
         plot(of_env, folder / f"{env}.png")
         parts.append(f"![Learning curves and performance profile on {env}]({env}.png)")
@@ -212,7 +218,7 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
         returns: Rows of returns.csv for this environment.
         path: Image file to write.
     """
-    figure = Figure((10.0, 8.0), layout="constrained")
+    figure = Figure((6.4, 6.4), layout="constrained")
     (by_steps, by_time), (profile, key) = figure.subplots(2, 2)
     is_run = returns.policy == "run"
     for group, name, look in _group_looks(returns[is_run].group.drop_duplicates()):
@@ -225,10 +231,10 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
             axis.axhline(value, linestyle="--", color=f"C{9 - i}", label=name)
     by_steps.set(xscale="log", xlabel="environment steps", ylabel="return: IQM, band: all runs")
     by_steps.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 3.0)))
-    by_steps.xaxis.set_major_formatter(ticker.EngFormatter())
+    by_steps.xaxis.set_major_formatter(ticker.EngFormatter(sep=""))
     by_steps.xaxis.set_minor_locator(ticker.NullLocator())
-    by_time.set(xlabel="s of one core, evaluations included")
-    profile.set(xlabel="return at a command", ylabel="share of runs and commands above")
+    by_time.set(xlabel="processor time (s)")
+    profile.set(xlabel="return of a run at a command", ylabel="fraction above this return")
     key.set_axis_off()
     key.legend(*by_steps.get_legend_handles_labels(), loc="center", frameon=False)
     save(figure, path)

@@ -5,8 +5,8 @@ Run the script as follows. It takes a few seconds.
     python experiments/geometry_figures.py [--out FOLDER]
 
 The script draws Jansen's leg with the names of its joints (docs/theory.md), the linkages
-(docs/linkages.md and the pages of the linkages) and the terrains of all generators
-(docs/terrain.md).
+(docs/linkages.md and the pages of the linkages), the legs that were found by a search
+(docs/design/results.md) and the terrains of all generators (docs/terrain.md).
 """
 
 import argparse
@@ -21,7 +21,7 @@ from pages import DOCS
 
 from jansen_env.arrays import Array
 from jansen_env.files import write_whole
-from jansen_env.robot import Robot, paper_robot
+from jansen_env.robot import Robot, built_robot, paper_robot
 from jansen_env.robot.kinematics import (
     T,
     advance_per_turn,
@@ -29,6 +29,7 @@ from jansen_env.robot.kinematics import (
     toe_positions,
     world_joints,
 )
+from jansen_env.robot.robot_file import read_robot
 from jansen_env.robot.zoo import standing_height
 from jansen_env.tasks.walking import JansenWalkerEnv
 from jansen_env.terrain.generators import LEVELS, NamedGenerator, at_level
@@ -42,6 +43,14 @@ INK = "#1f2937"
 LEG = "#1f77b4"
 PATH = "#d62728"
 GROUND = "#bfbfbf"
+FOUND = {
+    "cost_0.1": "found for 0.1 m/s",
+    "cost_0.3": "found for 0.3 m/s",
+    "cost_0.5": "found for 0.5 m/s",
+    "climb": "found for high steps",
+    "rough": "found for rough ground",
+}
+"""Titles of the robots that were found by a search, by their folders in docs/design/found."""
 SHOWN_LEVELS = (0, 4, 9)
 SHOWN_GROUND = (-1.0, 4.0)  # m
 
@@ -123,6 +132,21 @@ def draw_linkages(folder: Path) -> list[Path]:
     return paths
 
 
+def draw_found(folder: Path) -> Path:
+    """Draw the leg of the paper, and the legs that were found by a search."""
+    robots = {"link lengths of the paper": built_robot()}
+    for name, title in FOUND.items():
+        robots[title] = read_robot(DOCS / "design" / "found" / name / "robot.json")
+    figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
+    grid = figure.subplots(3, 2, sharex=True, sharey=True)
+    for axes, (title, robot) in zip(grid.flat, robots.items(), strict=True):
+        draw_robot(axes, robot)
+        axes.set_title(title, fontsize=10)
+    figure.supxlabel("x (m)", fontsize=10)
+    figure.supylabel("y (m)", fontsize=10)
+    return save(figure, folder / "design" / "designs.png")
+
+
 def draw_robot(axes: Axes, robot: Robot) -> None:
     """Draw a robot in the chassis frame, its first leg dark, and the paths of its toes."""
     legs = world_joints(robot, np.array([0.0, 0.0, 0.0, CRANK_ANGLE]))
@@ -190,5 +214,5 @@ if __name__ == "__main__":
     )
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the figures (docs)")
     out = parser.parse_args().out
-    for file in (draw_leg(out), *draw_linkages(out), draw_generators(out)):
+    for file in (draw_leg(out), *draw_linkages(out), draw_found(out), draw_generators(out)):
         print(file)

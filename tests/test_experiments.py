@@ -59,7 +59,7 @@ def test_experiment_with_its_own_command_line_runs(name: str, tmp_path: Path) ->
 def test_figures_of_the_geometry_are_published(tmp_path: Path) -> None:
     run("geometry_figures", "--out", tmp_path, folder=tmp_path)
     drawn = [*tmp_path.rglob("*.png")]
-    assert len(drawn) == 9
+    assert len(drawn) == 10
     for path in drawn:
         assert (ROOT / "docs" / path.relative_to(tmp_path)).exists()
 

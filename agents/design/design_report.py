@@ -12,7 +12,7 @@ from agents.design.design_plan import SearchPlan
 from agents.design.measures import MEASURES, geometry_measures
 from agents.design.search import Journal, best_of, front_of, make_walker, measure, objectives_of
 from agents.design.variables import Candidate
-from jansen_env.cli.plots import save
+from jansen_env.cli.plots import COLUMNS, save
 from jansen_env.files import write_json, write_text
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import toe_positions, world_joints
@@ -200,9 +200,9 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
         robots: Robots by name.
         path: Image file to write.
     """
-    columns = min(len(robots), 3)
+    columns = min(len(robots), COLUMNS)
     rows = -(-len(robots) // columns)
-    figure = Figure((3.6 * columns, 2.5 * rows), layout="constrained")
+    figure = Figure((3.2 * columns, 2.4 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axis, (name, robot) in zip(axes.flat, robots.items(), strict=False):
         axis.set(title=name, aspect="equal")
@@ -216,7 +216,8 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
         axis.plot(0.0, 0.0, "ko", ms=4)
     for axis in axes.flat[len(robots) :]:
         axis.remove()
-    figure.supxlabel("m")
+    figure.supxlabel("x (m)")
+    figure.supylabel("y (m)")
     save(figure, path)
 
 

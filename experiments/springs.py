@@ -324,18 +324,17 @@ def pid_table(results: dict[str, Any], metric: str) -> str:
 
 def draw(results: dict[str, Any], path: Path) -> None:
     """Draw the torques at constant crank speed over one turn of the crank."""
-    size = (9, 3.5)
-    figure, axes = plt.subplots(1, len(results), figsize=size, sharex=True, layout="constrained")
-    for axis, (name, values) in zip(np.atleast_1d(axes), results.items(), strict=True):
+    size = (5.6, 2.6 * len(results))  # one column, so that phones show readable text
+    figure, axes = plt.subplots(len(results), figsize=size, squeeze=False, layout="constrained")
+    for axis, (name, values) in zip(axes.flat, results.items(), strict=True):
         angle = np.array(values["angle"]) % (2.0 * math.pi)
         for kind, label in LABELS.items():
             axis.plot(angle, values[kind]["torque"], ".", ms=2, label=label)
-        axis.set_title(name)
-        axis.set_xlabel("crank angle (rad)")
+        axis.set(title=name, ylabel="crank torque (N m)", xlim=(0.0, 2.0 * math.pi))
         axis.grid(alpha=0.3)
-    np.atleast_1d(axes)[0].set_ylabel("crank torque (N m)")
+    axes[-1, 0].set_xlabel("crank angle (rad)")
     figure.legend(
-        *np.atleast_1d(axes)[0].get_legend_handles_labels(),
+        *axes[0, 0].get_legend_handles_labels(),
         loc="outside upper center",
         ncols=len(LABELS),
         title="spring for",

@@ -16,6 +16,7 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from matplotlib.axes import Axes
 from pages import options, publish, table
 
 from jansen_env.arrays import Array
@@ -41,7 +42,7 @@ METRICS = {
 }
 """Metrics of the table, and the number of decimals."""
 SHOWN: tuple[float, ...] = (0.05, 0.1, 0.3)  # commands of the figure, in m/s
-WALKS, STEPS, SETTLING_STEPS = 48, 500, 100  # walks per column of the figure, and their steps
+WALKS, STEPS, SETTLING_STEPS = 48, 500, 100  # walks per curve of the figure, and their steps
 BINS = 120  # bins of the crank angle
 LOADED = 0.01  # normal force, divided by the weight, from which a toe counts as standing
 
@@ -117,44 +118,52 @@ def turn(policy: Policy, command: float, walks: int) -> Turn:
 
 
 def draw(commands: tuple[float, ...], walks: int, path: Path) -> None:
-    """Draw crank speed, standing toes and slip over a turn, with a column per command."""
+    """Draw crank speed, slip and standing toes over a turn, with two rows of panels per command."""
     walker = cast("Controlled", make_env(ENV, {}).unwrapped)
+    rows = 2 * len(commands)  # two columns, so that phones show readable text
     figure, axes = plt.subplots(
-        4,
-        len(commands),
-        figsize=(12.0, 8.0),
-        squeeze=False,
-        sharex=True,
-        sharey="row",
-        height_ratios=(2.0, 0.9, 0.9, 1.6),
-        layout="constrained",
+        rows, 2, figsize=(6.4, 1.6 * rows), sharex=True, layout="constrained"
     )
-    degrees = (np.arange(BINS) + 0.5) * 360.0 / BINS
-    for j, command in enumerate(commands):
-        axes[0, j].set_title(f"{command:g} m/s")
+    for speed, slip in zip(axes[2::2, 0], axes[3::2, 0], strict=True):
+        speed.sharey(axes[0, 0])
+        slip.sharey(axes[1, 0])
+    for command, panels in zip(commands, axes.reshape(-1, 2, 2), strict=True):
+        speed, slip = panels[:, 0]
         for i, name in enumerate(CONTROLLERS):
             found = turn(BASELINES[name](walker), command, walks)
-            colour = f"C{i}"
-            axes[0, j].plot(degrees, found.speed[1], color=colour, label=name)
-            axes[0, j].fill_between(degrees, *found.speed[[0, 2]], color=colour, alpha=0.2)
-            axes[1 + i, j].imshow(
-                found.stands,
-                aspect="auto",
-                extent=(0.0, 360.0, 3.5, -0.5),
-                cmap="Greys",
-                vmin=0.0,
-                vmax=1.0,
-                interpolation="nearest",
-            )
-            axes[1 + i, j].set_yticks(range(4), walker.robot.leg_names)
-            axes[1 + i, 0].set_ylabel(f"standing toes,\n{name}")
-            axes[3, j].plot(degrees, np.maximum(found.slip, 1e-4), color=colour)
-        axes[3, j].set(yscale="log", xlabel="crank angle (degrees)")
-        axes[3, j].set_xticks(range(0, 361, 90))
-    axes[0, 0].set_ylabel("crank speed (rad/s)")
-    axes[3, 0].set_ylabel("slip (m/m)")
+            draw_turn(speed, slip, found, name)
+            draw_standing(panels[i, 1], found, walker.robot.leg_names)
+            panels[i, 1].set_title(f"standing toes, {name}, {command:g} m/s", fontsize=10)
+        speed.set_title(f"crank speed, {command:g} m/s", fontsize=10)
+        speed.set_ylabel("rad/s")
+        slip.set_title(f"slip, {command:g} m/s", fontsize=10)
+        slip.set(yscale="log", ylabel="m/m")
+    axes[0, 0].set_xticks(range(0, 361, 90))
+    figure.supxlabel("crank angle (degrees)", fontsize=10)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=140)
+
+
+def draw_turn(speed: Axes, slip: Axes, found: Turn, name: str) -> None:
+    """Draw the crank speed and the slip of a controller over a turn of the crank."""
+    degrees = (np.arange(BINS) + 0.5) * 360.0 / BINS
+    (line,) = speed.plot(degrees, found.speed[1], label=name)
+    speed.fill_between(degrees, *found.speed[[0, 2]], color=line.get_color(), alpha=0.2)
+    slip.plot(degrees, np.maximum(found.slip, 1e-4))
+
+
+def draw_standing(axis: Axes, found: Turn, legs: tuple[str, ...]) -> None:
+    """Draw the fraction of time for which each toe stands, from white (0) to black (1)."""
+    axis.imshow(
+        found.stands,
+        aspect="auto",
+        extent=(0.0, 360.0, 3.5, -0.5),
+        cmap="Greys",
+        vmin=0.0,
+        vmax=1.0,
+        interpolation="nearest",
+    )
+    axis.set_yticks(range(4), legs)
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:

@@ -1,4 +1,4 @@
-"""Reproductions of Figs. 4 to 9 of the paper, and figures of the mechanism, heave and slip."""
+"""Reproductions of Figs. 4 to 9 of the paper, and figures of mechanism, heave, slip and loads."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -28,6 +28,8 @@ LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"
 LINK_COLORS = {
     f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1)) for body in range(1, 9)
 }
+SHOWN_LOADS = {(1.0, 0.3): "#a78bfa", (1.0, 0.8): "#5b21b6", (3.5, 0.8): "#c2410c"}
+"""Colours of walks, by crank speed in rad/s and coefficient of friction."""
 INK = "#1f2937"
 MUTED = "#9ca3af"
 ACCENT = "#7c3aed"
@@ -54,6 +56,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
         "mechanism": mechanism,
         "heave": heave,
         "slip": slip,
+        "joint_forces": joint_forces,
     }
     with matplotlib.style.context(["default", STYLE]):
         save: dict[str, Any] = {"dpi": DPI, "metadata": {"Software": None}}
@@ -308,4 +311,26 @@ def slip(r: Results) -> Figure:
     right.plot(r.no_slip.speed, FLOOR, "v", color="#059669", label="no slip, from another start")
     right.set_ylim(0.05 * FLOOR, 1.5)
     right.legend(loc="lower right", frameon=True, framealpha=1.0, edgecolor="none")
+    return figure
+
+
+def joint_forces(r: Results) -> Figure:
+    """Draw the largest force of each link on each of its joints, on a fixed base and walking."""
+    figure, axes = _figure(NARROW, 6.2)
+    weight = paper_robot().mass * GRAVITY
+    axes.axvline(weight, color=INK, lw=0.9, ls="--", label="weight of the robot")
+    corners = [f"{body} at {joint}" for body, joint in JANSEN.holes]
+    axes.plot(r.fixed_loads.bearing, corners, "s", color="#64748b", label="fixed base, 1 rad/s")
+    for (speed, friction), color in SHOWN_LOADS.items():
+        forces = r.walking_loads[speed, friction].bearing
+        label = f"walking, {speed:g} rad/s, friction {friction}"
+        axes.plot(forces, corners, "o", fillstyle="none", mew=1.6, color=color, label=label)
+    axes.set(
+        title="Largest force of each link on its joints",
+        xlabel="force (N)",
+        ylabel="link and joint",
+        xlim=(0.0, None),
+    )
+    axes.invert_yaxis()
+    figure.legend(loc="outside lower center", ncols=2)
     return figure

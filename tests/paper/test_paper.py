@@ -189,5 +189,5 @@ def test_command(results, monkeypatch, tmp_path, capsys):
     assert table in printed
     assert table.count("\n| ") == 13
     pictures = sorted(folder.glob("*.png"))
-    assert len(pictures) == 9 and all(p.stat().st_size > 20_000 for p in pictures)
+    assert len(pictures) == 10 and all(p.stat().st_size > 20_000 for p in pictures)
     assert {p.suffix for p in folder.iterdir()} == {".md", ".png"}

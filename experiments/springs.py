@@ -1,23 +1,23 @@
 """Can a spring in each leg lower the torque of the crank?
 
-Run the experiment as follows. The defaults are 64 episodes per command and the folder docs/springs.
+Run the experiment as follows. It takes about three minutes on two cores.
 
-    python experiments/springs.py [EPISODES] [FOLDER]
+    python experiments/springs.py [--episodes 32] [--policies 0] [--quick]
 
 The script records the crank torque of three robots that walk at constant crank speed. It then
 searches for the spring with which the peak torque is smallest, and for the one with which the RMS
-torque is smallest. The robots walk with and without these springs under a PID. The script prints
-the tables and writes ``springs.json``, ``springs.png``, a robot file for each sprung robot, and
-``robot.png``, a picture of one of them. The page docs/springs.md contains the tables and the
-figures. The run takes about three minutes on two cores.
+torque is smallest. The robots walk with and without these springs under a PID. With ``--policies
+N``, PPO also trains N policies on each robot, with and without its springs. They are kept in
+``logs/springs`` and not trained again. The script writes the tables of docs/springs.md and, in the
+folder docs/springs, ``springs.json``, ``springs.png``, a robot file for each sprung robot, and
+``robot.png``, a picture of one of them. The scores of the policies are in ``policies.json``.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,20 +25,23 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
+from pages import options, publish, table
 from scipy.optimize import linprog
+from trained import ENV, score_policy, train_policy
 
 from jansen_env import ROBOTS, Robot, Terrain, evaluate
 from jansen_env.arrays import Array
-from jansen_env.files import write_json
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Spring
 from jansen_env.robot.kinematics import advance_per_turn, joints_of_legs
 from jansen_env.robot.linkage import FRAME
-from jansen_env.robot.robot_file import read_robot, write_robot
+from jansen_env.robot.robot_file import write_robot
 from jansen_env.scoring.benchmarks import find_benchmark
 
-ENV = "JansenWalkerBuilt-v0"
-NAMES = ("built", "stroller", "climber")
+DATA, PAGE = "springs/springs.json", "springs.md"
+POLICIES = "springs/policies.json"
+RUNS = Path("logs/springs")
+NAMES: tuple[str, ...] = ("built", "stroller", "climber")
 SPEED = 0.3  # m/s
 COMMANDS = (0.1, 0.3, 0.5)  # m/s
 HOLD = 0.02  # control period, in s
@@ -49,12 +52,17 @@ LEAST_STIFFNESS = 1.0  # N/m
 REST_LENGTHS = 21  # number of rest lengths that are tried for the smallest RMS torque
 ROOM = 0.03  # smallest length of a spring, in m
 ANCHORS = np.linspace(-0.4, 0.4, 9)  # x and y of the ends on the chassis, in m
-METRICS = {
-    "peak_torque": "peak torque, N m",
-    "rms_torque": "RMS torque, N m",
+METRICS = ("peak_torque", "rms_torque", "steady_cost_of_transport", "return")
+"""Metrics of the walks under the PID."""
+POLICY_METRICS = {
+    "peak_torque": "peak torque (N m)",
+    "rms_torque": "RMS torque (N m)",
     "steady_cost_of_transport": "cost of transport",
     "return": "return",
+    "steady_speed_error": "speed error (m/s)",
+    "load": "load (weights)",
 }
+"""Metrics of the walks under trained policies, with the headings of their tables."""
 LABELS = {"none": "no spring", "peak": "peak torque", "rms": "RMS torque"}
 SEED = 11
 
@@ -256,18 +264,26 @@ def walk_under_pid(robot: Robot, episodes: int) -> dict[str, list[float | None]]
         {"pid": pid}, ENV, {"robot": robot}, commands=COMMANDS, episodes=episodes, seed=SEED
     )
     by_command = scores["pid"]["by_command"]
-    return {name: [_rounded(v) for v in by_command[name]["value"]] for name in METRICS}
+    return _rounded(by_command, METRICS)
 
 
-def _rounded(value: float | None) -> float | None:
-    """Return a metric with four digits, or None if no episode has a value."""
-    return None if value is None else round(value, 4)
+def _rounded(by_command: dict[str, Any], metrics: Iterable[str]) -> dict[str, list[float | None]]:
+    """Return metrics per command with four digits, or None where no episode has a value."""
+    return {
+        name: [None if value is None else round(value, 4) for value in by_command[name]["value"]]
+        for name in metrics
+    }
 
 
-def measure(episodes: int) -> dict[str, Any]:
-    """Search for two springs for each robot, and measure the robot with and without them."""
+def measure(names: Iterable[str], episodes: int) -> dict[str, Any]:
+    """Search for two springs for each robot, and measure the robot with and without them.
+
+    Args:
+        names: Names of the robots.
+        episodes: Number of episodes per command under the PID.
+    """
     results: dict[str, Any] = {}
-    for name in NAMES:
+    for name in names:
         bare = ROBOTS[name]()
         walk = record(bare)
         robots = {"none": bare}
@@ -288,38 +304,105 @@ def measure(episodes: int) -> dict[str, Any]:
     return results
 
 
+def robots_of(results: dict[str, Any]) -> dict[tuple[str, str], Robot]:
+    """Return each robot with each of its springs and without springs, by name and kind."""
+    robots = {}
+    for name, values in results.items():
+        for kind in LABELS:
+            springs = tuple(Spring(**spring) for spring in values[kind]["springs"])
+            robots[name, kind] = replace(ROBOTS[name](), springs=springs)
+    return robots
+
+
+def score_policies(results: dict[str, Any], count: int, episodes: int, quick: bool) -> list[Any]:
+    """Train policies on each robot with and without its springs, and test them on this robot.
+
+    Args:
+        results: Robots and their springs, as returned by :func:`measure`.
+        count: Number of policies per robot, each with its own seed.
+        episodes: Number of episodes per command and policy.
+        quick: Whether to train for two rollouts only.
+
+    Returns:
+        Name of the robot, goal of its spring, seed, and metrics per command of each policy.
+    """
+    scores = []
+    for seed in range(count):
+        for (name, kind), robot in robots_of(results).items():
+            command = f"python experiments/springs.py --policies {count}"
+            file = train_policy(RUNS / f"{name}_{kind}_{seed}", robot, seed, command, quick)
+            found = score_policy(str(file), robot, COMMANDS, episodes, SEED)["by_command"]
+            metrics = _rounded(found, [*POLICY_METRICS, "falls"])
+            scores.append({"robot": name, "kind": kind, "seed": seed, **metrics})
+            print(f"seed {seed}, {name}, {kind}: return {metrics['return']}", flush=True)
+    return scores
+
+
+def tables(results: dict[str, Any]) -> dict[str, list[str]]:
+    """Return the tables of the page about the search and about the walks under the PID."""
+    robots = results["robots"]
+    return {PAGE: [spring_table(robots), *(pid_table(robots, metric) for metric in METRICS)]}
+
+
 def spring_table(results: dict[str, Any]) -> str:
     """Return the table of the springs and of the torques at constant crank speed."""
-    lines = [
-        "| robot | spring for | ends | stiffness, N/m | rest length, m | peak torque, N m "
-        "| RMS torque, N m | mean torque, N m | driving power, W |",
-        "| --- | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |",
-    ]
+    rows = []
     for name, values in results.items():
-        for kind in ("none", *GOALS):
-            one = values[kind]
-            spring = [LABELS[kind], "", "", ""]
-            for each in one["springs"]:
-                x, y = each["anchor"]
-                end = each["end"] or f"chassis ({x:.1f}, {y:.1f}) m"
-                ends = f"{each['start']} and {end}"
-                spring[1:] = ends, f"{each['stiffness']:.0f}", f"{each['rest_length']:.3f}"
-            numbers = [f"{one[key]:.2f}" for key in ("peak", "rms", "mean", "power")]
-            lines.append("| " + " | ".join([f"`{name}`", *spring, *numbers]) + " |")
-    return "\n".join(lines)
+        for kind, label in LABELS.items():
+            case = values[kind]
+            cells = ["", "", ""]
+            for spring in case["springs"]:
+                x, y = spring["anchor"]
+                end = spring["end"] or f"chassis ({x:.1f}, {y:.1f}) m"
+                between = f"{spring['start']} and {end}"
+                cells = [between, f"{spring['stiffness']:.0f}", f"{spring['rest_length']:.3f}"]
+            numbers = [f"{case[key]:.2f}" for key in ("peak", "rms", "mean", "power")]
+            rows.append([f"`{name}`", label, *cells, *numbers])
+    torques = ("peak torque, N m", "RMS torque, N m", "mean torque, N m")
+    ends = ("ends", "stiffness, N/m", "rest length, m")
+    return table(["robot", "spring for", *ends, *torques, "driving power, W"], rows, texts=3)
 
 
 def pid_table(results: dict[str, Any], metric: str) -> str:
     """Return the table of one metric of the walks under the PID."""
-    head = " | ".join(f"{command} m/s" for command in COMMANDS)
-    lines = [f"| robot | spring for | {head} |", "| --- | --- |" + " ---: |" * len(COMMANDS)]
-    for name, values in results.items():
-        for kind in ("none", *GOALS):
-            cells = " | ".join(
-                "none" if value is None else f"{value:.2f}" for value in values[kind]["pid"][metric]
-            )
-            lines.append(f"| `{name}` | {LABELS[kind]} | {cells} |")
-    return "\n".join(lines)
+    rows = [
+        [
+            f"`{name}`",
+            label,
+            *("none" if v is None else f"{v:.2f}" for v in by[kind]["pid"][metric]),
+        ]
+        for name, by in results.items()
+        for kind, label in LABELS.items()
+    ]
+    return table(["robot", "spring for", *(f"{each} m/s" for each in COMMANDS)], rows, texts=2)
+
+
+def policy_tables(policies: dict[str, Any]) -> list[str]:
+    """Return the table of each metric of the trained policies: mean and deviation over seeds."""
+    by_robot: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for scores in policies["scores"]:
+        by_robot.setdefault((scores["robot"], scores["kind"]), []).append(scores)
+    made = []
+    for metric, heading in POLICY_METRICS.items():
+        rows = []
+        for (name, kind), seeds in by_robot.items():
+            columns = zip(*(scores[metric] for scores in seeds), strict=True)
+            rows.append([f"`{name}`", LABELS[kind], *map(mean_and_deviation, columns)])
+        speeds = [f"{speed} m/s" for speed in COMMANDS]
+        made.append(table([f"{heading}, trained policies", "spring for", *speeds], rows, texts=2))
+    return made
+
+
+def mean_and_deviation(values: Iterable[float | None]) -> str:
+    """Return the mean and the standard deviation over the seeds as text.
+
+    Only seeds that have a value count. A single value has no deviation.
+    """
+    known = [value for value in values if value is not None]
+    if not known:
+        return "none"
+    mean = f"{np.mean(known):.2f}"
+    return mean if len(known) == 1 else f"{mean} ± {np.std(known, ddof=1):.2f}"
 
 
 def draw(results: dict[str, Any], path: Path) -> None:
@@ -353,23 +436,24 @@ def picture(robot: Robot, path: Path) -> None:
 
 
 def main() -> None:
-    """Measure, print the tables, and write the data, the figures and the robot files."""
-    episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 64
-    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/springs")
-    folder.mkdir(parents=True, exist_ok=True)
-    results = measure(episodes)
-    print(spring_table(results))
-    for metric, label in METRICS.items():
-        print(f"\n{label}\n\n{pid_table(results, metric)}")
-    for name, values in results.items():
-        for goal in GOALS:
-            (given,) = values[goal]["springs"]
-            sprung = replace(ROBOTS[name](), springs=(Spring(**given),))
-            write_robot(folder / f"{name}_{goal}.json", sprung)
-    data = {"commands": COMMANDS, "episodes": episodes, "robots": results}
-    write_json(folder / "springs.json", data)
-    draw(results, folder / "springs.png")
-    picture(read_robot(folder / "stroller_rms.json"), folder / "robot.png")
+    """Measure, train, and write the tables, the data, the figures and the robot files."""
+    args = options(__doc__, episodes=32, policies=0)
+    names, episodes, policies = NAMES, args.episodes, args.policies
+    if args.quick:
+        names, episodes, policies = NAMES[1:2], 2, 1
+    results = {"commands": COMMANDS, "episodes": episodes, "robots": measure(names, episodes)}
+    publish(args.out, DATA, results, tables(results))
+    folder = (args.out / DATA).parent
+    robots = robots_of(results["robots"])
+    for (name, kind), robot in robots.items():
+        if robot.springs:
+            write_robot(folder / f"{name}_{kind}.json", robot)
+    draw(results["robots"], folder / "springs.png")
+    picture(robots["stroller", "rms"], folder / "robot.png")
+    if policies:
+        scores = score_policies(results["robots"], policies, episodes, args.quick)
+        trained = {"commands": COMMANDS, "episodes": episodes, "scores": scores}
+        publish(args.out, POLICIES, trained, {PAGE: policy_tables(trained)})
 
 
 if __name__ == "__main__":

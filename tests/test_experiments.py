@@ -20,10 +20,10 @@ SCRIPTS = {
     if "\ndef main(" in path.read_text(encoding="utf-8")
 }
 """Experiments; the other modules of the folder belong to several of them."""
-SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs": "2"}
+SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2"}
 """Arguments with which experiments with a command line of their own take seconds."""
-IN_MUJOCO = {"closed_loops", "mujoco_witness", "transfer"}
-TRAINING = {"algorithms", "serial_chain"}
+IN_MUJOCO = {"closed_loops", "mujoco_witness", "spring_witness", "transfer"}
+TRAINING = {"algorithms", "serial_chain", "springs"}
 
 
 def run(name: str, *arguments: str | Path, folder: Path) -> None:
@@ -101,13 +101,12 @@ def test_a_table_takes_the_place_of_the_one_with_the_same_headings() -> None:
         pages.with_tables(page, [old, new, new])
 
 
-def test_the_page_about_springs_shows_its_data() -> None:
-    results = json.loads((ROOT / "docs" / "springs" / "springs.json").read_text(encoding="utf-8"))
-    page = (ROOT / "docs" / "springs.md").read_text(encoding="utf-8")
+def test_the_page_about_springs_shows_the_scores_of_trained_policies() -> None:
     springs = import_module("springs")
-    assert springs.spring_table(results["robots"]) in page
-    for metric in springs.METRICS:
-        assert springs.pid_table(results["robots"], metric) in page, metric
+    scores = json.loads((ROOT / "docs" / springs.POLICIES).read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / springs.PAGE).read_text(encoding="utf-8")
+    for table in springs.policy_tables(scores):
+        assert table in page
 
 
 def test_the_page_about_reference_problems_shows_its_data() -> None:

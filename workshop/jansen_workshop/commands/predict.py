@@ -24,6 +24,7 @@ from jansen_env.cli.flags import robot_parser, whole
 from jansen_env.cli.progress import progress
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.files import check_writable, write_text
+from jansen_env.plants.base import LARGEST_PLAY
 from jansen_env.policies.pid import PID
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
@@ -96,6 +97,14 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         default=256,
         help=f"number of simulated copies of the machine, at most {MOST_COPIES}; default: 256",
     )
+    parser.add_argument(
+        "--joint-play",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="radial clearance of the pins in m, whose effect a few slow walks estimate; it does "
+        "not widen the predicted bands; default: 0, which estimates nothing",
+    )
     args = parser.parse_args(arguments)
     args.parser = parser
     return args
@@ -107,7 +116,10 @@ def main(arguments: list[str] | None = None) -> None:
     Args:
         arguments: Arguments of the command. None selects those of the process.
     """
+    from jansen_workshop import play_effect  # which imports this module
+
     args = _parse(arguments)
+    changes = {}
     with args.parser.refusing():
         robot = _checked_robot(args)
         seconds = sum(simulated_time(robot, speed) for speed in args.speeds)
@@ -115,6 +127,16 @@ def main(arguments: list[str] | None = None) -> None:
             predictions = {
                 f"{speed:g}": predict(robot, speed, args.copies, advance) for speed in args.speeds
             }
+        if args.joint_play:
+            seconds = sum(map(play_effect.simulated_time, args.speeds))
+            walkers = f"{play_effect.COPIES} copies walk with and without play"
+            with progress(walkers, seconds) as advance:
+                changes = {
+                    f"{speed:g}": play_effect.changes_by_play(
+                        robot, speed, args.joint_play, advance
+                    )
+                    for speed in args.speeds
+                }
         gains = gains_of(robot, "steady")
         if args.out is not None:
             content = {
@@ -126,11 +148,20 @@ def main(arguments: list[str] | None = None) -> None:
                 "within": WITHIN,
                 "crank_speed": predictions,
             }
+            if changes:
+                by_name = {
+                    speed: {name: change._asdict() for name, change in by.items()}
+                    for speed, by in changes.items()
+                }
+                content["joint_play"] = {"play": args.joint_play, "crank_speed": by_name}
             write_text(args.out, json.dumps(content, indent=1) + "\n")
     kp, ki, kd = astuple(gains)
     print(f"{args.robot}, PID of {kp:.3g} N m/rad, {ki:.3g} N m/(rad s), {kd:.3g} N m s/rad")
     for speed, quantities in predictions.items():
         print(f"\ncrank at {speed} rad/s\n\n{table(quantities)}")
+        if speed in changes:
+            print(f"\njoint play of {args.joint_play} m, crank at {speed} rad/s\n")
+            print(play_effect.table(changes[speed], quantities))
 
 
 def _checked_robot(args: argparse.Namespace) -> Robot:
@@ -146,6 +177,7 @@ def _checked_robot(args: argparse.Namespace) -> Robot:
         check_writable("--out's folder", args.out.parent)
     for speed in args.speeds:
         within("--speeds", abs(speed), SLOWEST, FASTEST)
+    within("--joint-play", args.joint_play, 0.0, LARGEST_PLAY)
     return robot
 
 
@@ -329,28 +361,39 @@ def walk(
         now = speed if step < round(seconds / dt) else 0.0
         action, memory = policy.predict(seen, memory, np.full(len(robots), step == 0))
         seen, _, _, _, info = envs.step(action)
-        row = {name: info[name] for name in INFO}
-        row |= {name: info["energy"][name] for name in ("motor_work", "electrical_work")}
-        row["slip"] = info["slip"].sum(axis=-1)
-        row["load"] = info["contact_force"][..., 1]
-        row["height"] = seen[:, height]
-        rows.append(row)
+        rows.append(recorded(info, seen[:, height]))
         advance(dt)
     envs.close()
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, dt
 
 
-def measured_time(speed: float) -> float:
+def recorded(info: dict[str, Any], height: Array) -> dict[str, Array]:
+    """Return the quantities of a control step that are recorded.
+
+    Args:
+        info: Information of the step, of one robot or of n robots.
+        height: Height of the crank axis above the ground, in m, shape () or (n,).
+    """
+    row = {name: info[name] for name in INFO}
+    row |= {name: info["energy"][name] for name in ("motor_work", "electrical_work")}
+    row["slip"] = info["slip"].sum(axis=-1)
+    row["load"] = info["contact_force"][..., 1]
+    row["height"] = height
+    return row
+
+
+def measured_time(speed: float, longest: float = WALKED) -> float:
     """Return the time for which a rollout is measured, in s.
 
-    It is :data:`WALKED`, rounded down to a whole number of half turns of the crank, and at least
-    one half turn.
+    It is ``longest``, rounded down to a whole number of half turns of the crank, and at least one
+    half turn.
 
     Args:
         speed: Crank speed, in rad/s.
+        longest: Time that is rounded down, in s.
     """
     half_turn = math.pi / abs(speed)
-    return half_turn * max(1, math.floor(WALKED / half_turn))
+    return half_turn * max(1, math.floor(longest / half_turn))
 
 
 def measure(
@@ -383,8 +426,6 @@ def measure(
     begin = round(SETTLING / dt)
     end = round((SETTLING + time) / dt)
     part = {name: values[begin:end] for name, values in run.items()}
-    torque = np.abs(part["crank_torque"])
-    load = part["load"]
     x = run["x_position"]
     way = x[end - 1] - x[begin - 1]
     if (still := np.abs(way) <= MIN_DISTANCE).any():
@@ -394,19 +435,37 @@ def measure(
         )
     weight = np.array([GRAVITY * robot.mass for robot in robots])
     return {
+        **walking_quantities(part, way, time, weight),
+        "start_distance": x[begin - 1],
+        "stop_distance": x[-1] - x[end - 1],
+        "falls": run["fallen"][-1].astype(float),
+    }
+
+
+def walking_quantities(
+    part: dict[str, Array], way: Array, time: float, weight: Array
+) -> dict[str, Array]:
+    """Return the quantities of robots that walk steadily, by name, each of shape () or (n,).
+
+    Args:
+        part: Recorded quantities by name, each of shape (steps, ...) or (steps, n, ...).
+        way: Distance along x, in m, other than 0, shape () or (n,).
+        time: Time for which the robots walked, in s.
+        weight: Weights of the robots, in N, shape () or (n,).
+    """
+    torque = np.abs(part["crank_torque"])
+    load = part["load"]
+    return {
         "speed": way / time,
         "cost_of_transport": np.abs(part["motor_work"]).sum(axis=0) / (weight * np.abs(way)),
         "slip": part["slip"].sum(axis=0) / np.abs(way),
         "mean_torque": torque.mean(axis=0),
         "peak_torque": np.percentile(torque, 99, axis=0),
         "electrical_power": part["electrical_work"].sum(axis=0) / time,
-        "duty_factor": (load > 0.0).mean(axis=(0, 2)),
-        "foot_load": np.percentile(load, 99, axis=(0, 2)),
+        "duty_factor": (load > 0.0).mean(axis=(0, -1)),
+        "foot_load": np.percentile(load, 99, axis=(0, -1)),
         "pitch_range": np.ptp(part["pitch"], axis=0),
         "heave": np.ptp(part["height"], axis=0),
-        "start_distance": x[begin - 1],
-        "stop_distance": x[-1] - x[end - 1],
-        "falls": run["fallen"][-1].astype(float),
     }
 
 

@@ -1,0 +1,153 @@
+"""Effect of joint play on a steady walk, estimated by short walks on the rigid-body backend.
+
+Only this backend can simulate play, and it is slow. A few copies of a robot therefore walk for a
+short time, each with and without play from the same state.
+"""
+
+import math
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from tabulate import tabulate
+
+from jansen_env.arrays import Array
+from jansen_env.dynamics.gravity import GRAVITY
+from jansen_env.envs.vector import Observations
+from jansen_env.policies.policy import Memory, Policy
+from jansen_env.robot import Robot
+from jansen_env.scoring.metrics import MIN_DISTANCE, SETTLING
+from jansen_env.scoring.rollout import Advance, make_env, no_progress
+from jansen_env.tasks.walking.tuned import gains_of
+from jansen_env.tasks.walking.walker_benchmark import walking_pid
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
+from jansen_workshop.commands import predict
+
+COPIES = 4  # number of copies that walk with and without play
+WALKED = 2.0  # approximate measured time, in s
+AGAIN = 0.3  # time on the rigid-body backend before the measurement, in s
+
+
+class Change(NamedTuple):
+    """A quantity of the copies without and with play.
+
+    Attributes:
+        without: Value of each copy without play.
+        with_play: Value of each copy with play.
+    """
+
+    without: list[float]
+    with_play: list[float]
+
+
+def simulated_time(speed: float) -> float:
+    """Return the time that the copies walk on the rigid-body backend, in s.
+
+    Args:
+        speed: Crank speed, in rad/s.
+    """
+    return 2.0 * COPIES * (AGAIN + predict.measured_time(speed, WALKED))
+
+
+def changes_by_play(
+    robot: Robot, speed: float, play: float, advance: Advance = no_progress
+) -> dict[str, Change]:
+    """Return the quantities of a steady walk without and with play, by name.
+
+    Args:
+        robot: The robot.
+        speed: Crank speed, in rad/s.
+        play: Radial clearance of every pin of the legs, in m.
+        advance: Function that is called with the time, in s, that the copies have walked on the
+            rigid-body backend since its last call.
+    """
+    robots, known, _ = predict.draw_copies(robot, predict.WITHIN, COPIES)
+    found: dict[str, Change] = {}
+    for i, copy in enumerate(robots):
+        arguments = {
+            "robot": copy,
+            "friction": float(known["friction"][i]),
+            "terminate_when_fallen": False,
+            "reset_noise_scale": 0.0,
+        }
+        before = _made(arguments)
+        pid = walking_pid(
+            lambda command: np.full(len(command), speed), before, gains_of(robot, "steady")
+        )
+        seen, _ = before.reset(seed=0, options={"crank_angle": float(known["start"][i])})
+        seen, memory, _ = _walk(before, pid, seen, None, SETTLING)
+        for values, clearance in enumerate((0.0, play)):
+            after = _made({**arguments, "plant": "rigid_body", "joint_play": clearance})
+            after.reset(seed=0)
+            after.set_state(before.get_state())
+            begun, carried, _ = _walk(after, pid, seen, memory, AGAIN, advance)
+            measured = _measured(after, pid, begun, carried, speed, advance)
+            for name, value in measured.items():
+                found.setdefault(name, Change([], []))[values].append(float(value))
+    return found
+
+
+def _made(arguments: dict[str, Any]) -> JansenWalkerEnv:
+    """Return the environment of a copy."""
+    return cast(JansenWalkerEnv, make_env(predict.ENV, arguments).unwrapped)
+
+
+def _walk(
+    env: JansenWalkerEnv,
+    pid: Policy,
+    seen: Observations,
+    memory: Memory,
+    seconds: float,
+    advance: Advance = no_progress,
+) -> tuple[Observations, Memory, list[dict[str, Array]]]:
+    """Let a robot walk; return its last observation, the memory of the PID, and the records."""
+    height = env.task.columns["crank_axis_height"]
+    rows = []
+    for _ in range(round(seconds / env.control_dt)):
+        action, memory = pid.predict(seen[None], memory, np.array([memory is None]))
+        seen, _, _, _, info = env.step(action[0])
+        rows.append(predict.recorded(info, seen[height]))
+        advance(env.control_dt)
+    return seen, memory, rows
+
+
+def _measured(
+    env: JansenWalkerEnv,
+    pid: Policy,
+    seen: Observations,
+    memory: Memory,
+    speed: float,
+    advance: Advance,
+) -> dict[str, Array]:
+    """Return the quantities of a robot that goes on walking."""
+    seconds = predict.measured_time(speed, WALKED)
+    begun = float(env.task.world.x_position[0])
+    _, _, rows = _walk(env, pid, seen, memory, seconds, advance)
+    part = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    way = float(part["x_position"][-1]) - begun
+    if abs(way) <= MIN_DISTANCE:
+        way = math.copysign(MIN_DISTANCE, speed)
+    weight = np.array(GRAVITY * env.robot.mass)
+    return predict.walking_quantities(part, np.array(way), seconds, weight)
+
+
+def table(changes: dict[str, Change], predicted: dict[str, Any]) -> str:
+    """Return a Markdown table of the changes, next to the width of the predicted 90 % band.
+
+    Args:
+        changes: Result of :func:`changes_by_play`.
+        predicted: Predictions of the same quantities, as returned by ``predict``.
+    """
+    rows = []
+    for name, change in changes.items():
+        differences = np.subtract(change.with_play, change.without)
+        numbers = [
+            np.mean(change.without),
+            np.mean(differences),
+            differences.min(),
+            differences.max(),
+            predicted[name]["high"] - predicted[name]["low"],
+        ]
+        unit = predict.UNITS[name]
+        rows.append([f"{name.replace('_', ' ')} ({unit})", *(f"{x:.3g}" for x in numbers)])
+    heads = ("quantity", "without play", "change by play", "least", "most", "width of the band")
+    return tabulate(rows, heads, "github", disable_numparse=True)

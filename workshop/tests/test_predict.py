@@ -10,6 +10,7 @@ import pytest
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.lengths import lengths
 from jansen_env.tasks.walking.tuned import gains_of
+from jansen_workshop import play_effect
 from jansen_workshop.__main__ import main
 from jansen_workshop.commands import predict
 
@@ -47,6 +48,38 @@ def test_the_witnessed_walk_is_within_its_band(tmp_path, capsys):
         assert row["low"] <= row["median"] <= row["high"]
         assert sum(row["sources"].values()) <= 1.0
     assert "speed (m/s)" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_no_play_changes_nothing(monkeypatch):
+    """Both walks of a copy begin in the same state, under the same controller."""
+    monkeypatch.setattr(play_effect, "COPIES", 1)
+    changes = play_effect.changes_by_play(ECONOMY, 4.0, 0.0)
+    assert changes.keys() < predict.UNITS.keys()
+    for change in changes.values():
+        assert change.with_play == change.without
+    assert 0.35 < changes["speed"].without[0] < 0.45
+
+
+@pytest.mark.slow
+def test_the_effect_of_play_is_reported(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(play_effect, "COPIES", 1)
+    out = tmp_path / "economy.json"
+    arguments = ["--speeds", "4", "--copies", "2", "--joint-play", "0.0003", "--out", str(out)]
+    predict.main(["economy", *arguments])
+    found = json.loads(out.read_text())["joint_play"]
+    assert found["play"] == 0.0003
+    speed = found["crank_speed"]["4"]["speed"]
+    assert speed["with_play"] != speed["without"]
+    assert speed["with_play"] == pytest.approx(speed["without"], rel=0.2)
+    assert "change by play" in capsys.readouterr().out
+
+
+def test_changes_are_listed_beside_the_predicted_band():
+    changes = {"speed": play_effect.Change([0.2, 0.4], [0.21, 0.38])}
+    table = play_effect.table(changes, {"speed": {"low": 0.1, "high": 0.25}})
+    cells = [cell.strip() for cell in table.splitlines()[-1].strip("|").split("|")]
+    assert cells == ["speed (m/s)", "0.3", "-0.005", "-0.02", "0.01", "0.15"]
 
 
 @pytest.mark.slow
@@ -90,6 +123,7 @@ def test_a_machine_that_stands_still_is_refused():
     [
         (["predict", "built", "--copies", "1e10"], "must be a whole number from 1 to "),
         (["predict", "built", "--out", ""], "must be a path, got an empty string"),
+        (["predict", "built", "--joint-play", "0.3"], "--joint-play must be "),
         (["drawings", "weekend", "--out", ""], "must be a path, got an empty string"),
         (["drawings", "chebyshev", "--out", __file__], "must be a folder"),
         (["draw"], "COMMAND must be one of"),

@@ -13,6 +13,7 @@ from tabulate import tabulate
 from jansen_env.arrays import Array
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.envs.vector import Observations
+from jansen_env.plants.rigid.rigid_batch import PLAY_TIME_STEP
 from jansen_env.policies.policy import Memory, Policy
 from jansen_env.robot import Robot
 from jansen_env.scoring.metrics import MIN_DISTANCE, SETTLING
@@ -25,6 +26,8 @@ from jansen_workshop.commands import predict
 COPIES = 4  # number of copies that walk with and without play
 WALKED = 2.0  # approximate measured time, in s
 AGAIN = 0.3  # time on the rigid-body backend before the measurement, in s
+BACKEND: dict[str, Any] = {"plant": "rigid_body", "time_step": PLAY_TIME_STEP}
+"""Arguments of the environments; all walks have the same time step, because slip depends on it."""
 
 
 class Change(NamedTuple):
@@ -76,7 +79,7 @@ def changes_by_play(
         seen, _ = before.reset(seed=0, options={"crank_angle": float(known["start"][i])})
         seen, memory, _ = _walk(before, pid, seen, None, SETTLING)
         for values, clearance in enumerate((0.0, play)):
-            after = _made({**arguments, "plant": "rigid_body", "joint_play": clearance})
+            after = _made({**arguments, **BACKEND, "joint_play": clearance})
             after.reset(seed=0)
             after.set_state(before.get_state())
             begun, carried, _ = _walk(after, pid, seen, memory, AGAIN, advance)

@@ -9,9 +9,10 @@ The robot ``built`` walks on the rigid-body plant with 0, 0.1, 0.3 and 0.5 mm of
 every pin of its legs, and with 1 degree of backlash between the motor and the crank. It walks from
 two initial states at each of two commands, under the pretrained policy and under the PID. Every
 walk begins on the fast projection plant, without play, and continues on the rigid-body plant when
-it is steady. The script prints a table per controller and writes ``joint_play.json`` and
-``joint_play.png``. The page docs/joint_play.md contains the tables and the figure, and
-``joint_play.json`` contains the data. The run takes about six minutes of processor time.
+it is steady. The policy also walks in short episodes, whose return is measured. The script prints a
+table per controller and one of the episodes, and writes ``joint_play.json`` and ``joint_play.png``.
+The page docs/joint_play.md contains the tables and the figure, and ``joint_play.json`` contains the
+data. The run takes about ten minutes of processor time.
 """
 
 import math
@@ -24,7 +25,9 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 
+from jansen_env import evaluate
 from jansen_env.files import write_json
+from jansen_env.plants.rigid.rigid_batch import PLAY_TIME_STEP
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import find_benchmark
 
@@ -37,6 +40,17 @@ SEEDS = (0, 1)  # seeds of the initial states
 BEFORE = 4.0  # time for which a robot walks on the projection plant first, in s
 SETTLING = 0.3  # time on the rigid-body plant that the metrics leave out, in s
 LONGEST = 8.0  # time after which a walk ends even if its crank got stuck, in s
+EPISODE_PLAYS = (0.0, 0.3, 0.5)  # radial play in the episodes, in mm
+EPISODE_COMMAND, EPISODES, EPISODE_SEED = 0.3, 2, 0  # m/s; number of episodes; their seed
+STEPS_PER_TURN = 500  # control steps of an episode per turn of the crank in the command line
+METRICS = {
+    "return": ("return", ".1f"),
+    "speed_error": ("speed error (m/s)", ".3f"),
+    "slip_per_metre": ("slip (m/m)", ".2f"),
+    "cost_of_transport": ("cost of transport", ".2f"),
+    "falls": ("falls", ".0f"),
+}
+"""Metrics of the episodes, with the headings of their columns and the formats of their values."""
 COLUMNS = {
     "speed": ("speed (m/s)", ".3f"),
     "slip": ("slip (m/m)", ".2f"),
@@ -142,6 +156,47 @@ def measure(turns: float) -> list[dict[str, Any]]:
         ]
 
 
+def walk_episodes(turns: float) -> list[dict[str, Any]]:
+    """Return the metrics of the policy in short episodes from the same initial states.
+
+    All episodes on the rigid-body plant have the same time step.
+
+    Args:
+        turns: Length of an episode, in multiples of :data:`STEPS_PER_TURN` control steps.
+    """
+    rigid = {"plant": "rigid_body", "time_step": PLAY_TIME_STEP}
+    cases: list[tuple[str, float, dict[str, Any]]] = [("projection", 0.0, {})]
+    cases += [
+        ("rigid bodies", play, {**rigid, "joint_play": 1e-3 * play}) for play in EPISODE_PLAYS
+    ]
+    rows = []
+    for plant, play, arguments in cases:
+        steps = max(1, round(STEPS_PER_TURN * turns))
+        scores = evaluate(
+            {"policy": pretrained.load(ENV)},
+            ENV,
+            {**arguments, "max_episode_steps": steps},
+            commands=[EPISODE_COMMAND],
+            episodes=EPISODES,
+            seed=EPISODE_SEED,
+        )
+        overall = scores["policy"]["overall"]
+        values = {name: overall[name][0] for name in METRICS}
+        rows.append({"plant": plant, "play": play, "steps": steps, **values})
+        print(rows[-1], file=sys.stderr, flush=True)
+    return rows
+
+
+def episode_table(rows: list[dict[str, Any]]) -> str:
+    """Return the table of the episodes, as docs/joint_play.md contains it."""
+    headings = ["simulation", "play (mm)", *(heading for heading, _ in METRICS.values())]
+    lines = ["| " + " | ".join(headings) + " |", "| --- |" + " ---: |" * (len(headings) - 1)]
+    for row in rows:
+        cells = [f"{row[name]:{form}}" for name, (_, form) in METRICS.items()]
+        lines.append("| " + " | ".join([row["plant"], f"{row['play']:g}", *cells]) + " |")
+    return "\n".join(lines)
+
+
 def table(walks: list[dict[str, Any]], controller: str) -> str:
     """Return the table of a controller, as docs/joint_play.md contains it."""
     headings = ["command (m/s)", "play (mm)", "backlash (degrees)", "seed"]
@@ -193,7 +248,10 @@ def main() -> None:
     walks = measure(turns)
     for controller in CONTROLLERS:
         print(f"\n{controller}\n\n{table(walks, controller)}")
-    write_json(folder / "joint_play.json", {"turns": turns, "seeds": [*SEEDS], "walks": walks})
+    episodes = walk_episodes(turns)
+    print(f"\nepisodes\n\n{episode_table(episodes)}")
+    data = {"turns": turns, "seeds": [*SEEDS], "walks": walks, "episodes": episodes}
+    write_json(folder / "joint_play.json", data)
     draw(walks, folder / "joint_play.png")
 
 

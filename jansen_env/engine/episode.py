@@ -2,13 +2,15 @@
 
 A control step of one robot consists of these parts, in this order:
 
-1. Its action is clipped, limited in its rate of change, and delayed (:func:`_begin_step`).
-2. Pushes on the chassis are looked up or sampled.
+1. The impulses of the pushes on its chassis are computed: scheduled pushes are looked up, and
+   random pushes are sampled (:func:`_begin_step`).
+2. Its action is clipped, limited in its rate of change, and delayed (:func:`_begin_step`).
 3. The robot moves (:func:`jansen_env.engine.integrator.take_steps`).
-4. The accounts of the step are updated. The compiled task computes the reward and decides whether
-   the episode is over (:func:`_finish_step`).
-5. The observation is filled: readings, errors of the sensors, and onboard estimates
-   (:func:`_observe`).
+4. The errors of the sensors are sampled, and the accounts of the step are updated. The compiled
+   task samples the next command, computes the reward, and decides whether the episode is over
+   (:func:`_finish_step`).
+5. The observation is filled: readings, to which the errors of the sensors are added, and onboard
+   estimates (:func:`_observe`).
 
 If the task is written in NumPy, the kernel ends after part 4. It computes a reward only if the task
 extends the compiled task. The methods of the task itself follow, and then :func:`observe`.
@@ -400,7 +402,7 @@ def apply_parameters(
 
 @stage
 def _begin_step(r, action, robot, episodes, pushes):
-    """Command the torque of an action, and compute the pushes in this control step.
+    """Compute the pushes in this control step, and command the torque of an action.
 
     Args:
         r: Index of the robot.

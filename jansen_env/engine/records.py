@@ -1,10 +1,25 @@
 """Record of a robot, and the tuples of arrays that kernels and their stages share.
 
-The record of a robot contains everything that the future of the robot depends on. :data:`ROBOT` is
-the part that has the same size for every robot. :func:`record_dtype` adds the parts whose size
-depends on the number of toes and pads, on the longest delay, and on the task. A kernel gets each
-part as an array whose rows are not adjacent in memory, see :class:`Motions` and
-:class:`jansen_env.engine.episode.Episodes`.
+The record of a robot contains the parameters and the seed of its episode, and all values that a
+control step reads and changes. :data:`ROBOT` is the part that has the same size for every robot.
+:func:`record_dtype` adds the parts whose size depends on the number of toes and pads, on the
+longest delay, and on the task. A kernel gets each part as an array whose rows are not adjacent in
+memory, see :class:`Motions` and :class:`jansen_env.engine.episode.Episodes`.
+
+The result of a control step also depends on the following data, which are not in the record:
+
+- the action,
+- the tables of the robot's design, the terrain, and the settings of the simulation
+  (:class:`Designs`),
+- the settings of pushes and of the reward (:class:`jansen_env.engine.episode.Episodes`), and
+- the settings of the observation, such as the standard deviations of the sensors, and the paths of
+  the toes (:class:`jansen_env.engine.episode.Observing`).
+
+A control step changes none of these data. The random numbers of a control step, including the
+biases of the sensors, follow from the seed in the record and from the time since the reset. A reset
+and a change of parameters also read the robot to which the parameters are applied
+(:data:`MACHINE`). If the terrain consists of pymunk's shapes, or if pymunk moves the robot, a
+control step also depends on data of pymunk.
 """
 
 from __future__ import annotations

@@ -185,9 +185,10 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
 
     @exclusive
     def get_state(self) -> Values:
-        """Return everything that the future of this robot depends on.
+        """Return the state of the robot and of its random generator.
 
-        After :meth:`set_state` with this state, the robot continues bit for bit as before. With
+        The state does not contain the arguments of the environment. After :meth:`set_state` with
+        this state, an environment with the same arguments continues bit for bit as before. With
         ``plant="rigid_body"`` it continues only approximately, because that plant closes the gaps
         of the joints and restarts its solver. Pins and gears with play start from the middle of
         their play.

@@ -308,7 +308,7 @@ class TaskVectorEnv(
 
     @exclusive
     def get_state(self, i: int) -> Values:
-        """Return everything that the future of a robot depends on.
+        """Return the state of a robot, from which :meth:`set_state` continues its episode.
 
         The state has the same form as that of the single environment.
 

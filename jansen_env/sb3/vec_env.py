@@ -276,7 +276,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
 
     @exclusive
     def get_states(self) -> list[Infos]:
-        """Return everything that the future of each robot depends on.
+        """Return the state of each robot, from which :meth:`set_states` continues its episode.
 
         A state also contains the number of steps of the present episode.
         """

@@ -406,7 +406,10 @@ class Task(ABC):
         return scene_of(self.world, i)
 
     def get_state(self, i: int) -> Values:
-        """Return everything that the future of a robot depends on, except its random generator.
+        """Return the state of a robot, from which :meth:`set_state` continues its episode.
+
+        The state contains neither the arguments of the environment nor the robot's random
+        generator.
 
         Args:
             i: Index of the robot.

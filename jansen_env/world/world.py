@@ -117,7 +117,7 @@ class World:
     Attributes:
         OPTIONS: Names of the options that :meth:`reset` accepts.
         SETTABLE: Names of the values that :meth:`change` accepts.
-        records: Records of the robots, with everything that their future depends on.
+        records: Records of the robots, see :mod:`jansen_env.engine.records`.
         plant: Simulation backend that moves the robots.
         pushes: Scheduled and random pushes.
         saved: Saver and loader of the records.
@@ -762,7 +762,10 @@ class World:
         return list(values[name]) if name in values else None
 
     def get_state(self, i: int) -> Values:
-        """Return everything that the future of a robot depends on, except its random generator.
+        """Return the state of a robot, from which :meth:`restore` continues its episode.
+
+        The state contains neither the arguments of the environment nor the robot's random
+        generator.
 
         Args:
             i: Index of the robot.

@@ -18,7 +18,7 @@ from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.arrays import Array
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.reduced import body_sums, compile_robot, mass_matrix
-from jansen_env.engine.contact_solver import COMPLIANCE, STICK, problem, regularise, solve
+from jansen_env.engine.contact_solver import COMPLIANCE, STICK, allocate_problem, regularise, solve
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot.kinematics import joint_positions
 
@@ -439,7 +439,7 @@ class Woodpecker:
         play = hole - toy.pole_radius
         self.gaps = np.array([beak, play, play])
         self._friction, self._restitution = toy.friction, np.array(toy.restitution)
-        self._law = problem(3)
+        self._law = allocate_problem(3)
         self.position, self.velocity = (np.array(start) for start in TOY_START)
 
     def step(self) -> None:

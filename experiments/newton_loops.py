@@ -389,10 +389,10 @@ def run() -> None:
     """Measure, and write the data."""
     problems = {"swing": swing, "squeezer": squeeze, "walk": walk}
     results: dict[str, list[list[Any]]] = {}
-    for name, problem in problems.items():
+    for name, simulate in problems.items():
         results[name] = []
         for setting in SETTINGS[name]:
-            results[name].append(problem(setting))
+            results[name].append(simulate(setting))
             print(name, *results[name][-1], flush=True)
     (DOCS / NEWTON).parent.mkdir(parents=True, exist_ok=True)
     write_json(DOCS / NEWTON, results)

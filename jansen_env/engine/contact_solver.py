@@ -73,8 +73,8 @@ def spare_space(count: int) -> NDArray[np.float64]:
     return np.zeros((4 * count + 4, 8 * count + 2))
 
 
-def problem(count: int) -> Problem:
-    """Return memory for the contact law of contacts, with all values 0.
+def allocate_problem(count: int) -> Problem:
+    """Return memory for the contact law of some contacts, with all values 0.
 
     Args:
         count: Largest number of contacts.

@@ -15,7 +15,7 @@ from jansen_env.engine.contact_solver import (
     SLIDE_BACKWARD,
     SLIDE_FORWARD,
     STICK,
-    problem,
+    allocate_problem,
     regularise,
     solve,
 )
@@ -42,7 +42,7 @@ def solved(W, q, mu, guess=STICK):
     """The solver's P and u for each problem, (problems, 2 n)."""
     n = mu.shape[1]
     P, u = np.zeros_like(q), np.zeros_like(q)
-    memory = problem(n)
+    memory = allocate_problem(n)
     for k in range(len(q)):
         memory.mode[:], memory.factored[:] = guess, 0
         solve(n, memory._replace(W=W[k], v_free=q[k], mu=mu[k], P=P[k], u=u[k]))

@@ -205,7 +205,7 @@ class Walk:
         state = env.task.world.plant.states[0]
         nested = "slip", "contact_force", "energy", "true_observation"
         self.start = {"crankAngle": state[3], "crankSpeed": state[7], "command": command}
-        self.start["noiseSeed"] = str(env.task.world.seeds[0])
+        self.start["episodeSeed"] = str(env.task.world.seeds[0])
         plain = [["", name] for name in info if name not in nested and "/" not in name]
         terms = [["rewards", name[7:]] for name in info if name.startswith("reward/")]
         self.names = [*plain, *terms, *(["energy", name] for name in info["energy"])]

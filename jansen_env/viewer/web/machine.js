@@ -244,15 +244,15 @@ export class Machine {
   // Episodes and steps.
 
   /**
-   * Begin at rest at x = 0 on the lowest toes, the crank at an angle, rad, with a speed, rad/s.
-   * noiseSeed: of `world.seeds`, what sensors' noise is drawn from where there is some.
+   * Begin at rest at x = 0 on the lowest toes, with a crank angle in rad and a crank speed in rad/s.
+   * `episodeSeed` is the seed of everything that is sampled during the episode, as in `World.seeds`.
    */
-  reset({ crankAngle = 0, crankSpeed = 0, command = 0, noiseSeed = 0 } = {}) {
+  reset({ crankAngle = 0, crankSpeed = 0, command = 0, episodeSeed = 0 } = {}) {
     const { memory, rows, world, machine, motions, episodes, states, robots, walk } = this;
     this.place(crankAngle);
     states.view[7] = crankSpeed;
     this.noisy = this.parameters.noise_level > 0;
-    robots.write({ seed: BigInt(noiseSeed), scheduled: 0 });
+    robots.write({ seed: BigInt(episodeSeed), scheduled: 0 });
     walk.write({ info: { speed_command: command } });
     this.known.view[0] = -1n;
     memory.call("episode_begin_episode", rows, world, machine, motions, episodes);

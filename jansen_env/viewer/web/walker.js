@@ -79,7 +79,7 @@ export class Walker {
     const crankAngle = rng.uniform(0, TURN);
     for (const _ of ["command", "crank speed"]) rng.random(); // which are given here
     this.machine.change(settings);
-    this.machine.reset({ crankAngle, command, noiseSeed: rng.integer(2n ** 63n) });
+    this.machine.reset({ crankAngle, command, episodeSeed: rng.integer(2n ** 63n) });
     this.controller.begin();
     this.walk = { seed, crankAngle, command, settings, steps: [] };
     this.pending = {}; // what comes before the next step

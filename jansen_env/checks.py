@@ -377,10 +377,11 @@ class Combination(NamedTuple):
         values = [getattr(part, name) for name in self.fields]
         number = math.fsum(values) if self.operation == "sum" else math.prod(values)
         if not self.limits.least <= number <= self.limits.most:
-            names = " and ".join(f"{name} of {getattr(part, name):g}" for name in {*self.fields})
+            names = dict.fromkeys(self.fields)
+            given = " and ".join(f"{name} of {getattr(part, name):g}" for name in names)
             raise ValueError(
                 f"{type(part).__name__}: the {self.operation} of {', '.join(self.fields)} must be "
-                f"{self.limits.allowed}, got {number:g}: {names}"
+                f"{self.limits.allowed}, got {number:g}: {given}"
             )
 
 
@@ -405,7 +406,7 @@ class FiniteWith(NamedTuple):
         other = getattr(part, self.other)
         if infinite(other) and not infinite(value) and value != 0.0:
             name = f"{type(part).__name__}.{self.other}"
-            raise invalid(name, other, f"finite with a {self.field} of {value}")
+            raise invalid(name, other, f"finite with a {self.field} of {value:g}")
 
 
 class AtLeast(NamedTuple):

@@ -24,27 +24,43 @@ from jansen_env.engine.link_shapes import count_joints
     DYAD_BRANCH,
     LOST_JOINT,
 ) = range(11)
+KNOWN = "of the frame, of the crank or of a body of an earlier dyad"
+"""Description of the joints whose positions are known when a dyad is computed."""
+
 LINKAGE_FAULTS = (
-    ("bodies", "a body with as many joints as its link has, all of them joints of the linkage"),
-    ("bodies", "a crank whose first joint is a joint of the frame"),
-    ("toes", "a joint of the linkage, and each toe must be named once"),
-    ("pads", "a joint that its body has and that is no toe, and each joint must be named once"),
-    ("damped", "two different bodies of the linkage"),
-    ("bearings", "two different bodies of the linkage"),
-    ("dyads", "a dyad whose start and end are known: joints of frame, crank or an earlier dyad"),
-    ("dyads", "a dyad whose joint is not known before"),
-    ("dyads", "a dyad of two bodies: one with its joint and its start, one with its joint and end"),
+    ("bodies", "a body with as many joints as its link has, and all must be joints of the linkage"),
+    ("bodies", "the crank, whose first joint must be a joint of the frame"),
+    ("toes", "a joint of the linkage that is not already a toe"),
+    (
+        "pads",
+        "a joint and the number of a body that has this joint, and the joint must be neither a toe "
+        "nor the joint of an earlier pad",
+    ),
+    ("damped", "the numbers of two different bodies of the linkage"),
+    ("bearings", "the numbers of two different bodies of the linkage"),
+    ("dyads", f"a dyad whose start and end are known, that is, joints {KNOWN}"),
+    ("dyads", f"a dyad whose joint is not known yet, that is, not a joint {KNOWN}"),
+    (
+        "dyads",
+        "a dyad of two different bodies, one of which has its joint and its start, and the other "
+        "its joint and its end",
+    ),
     ("dyads", "a dyad whose branch is 1 or -1"),
-    ("joints", "a joint that the dyads determine"),
+    (
+        "joints",
+        "a joint whose position is known, that is, a joint of the frame, of the crank or of a body "
+        "of a dyad",
+    ),
 )
-"""Field of a linkage that each fault is in, and what an entry of this field must be."""
+"""Field of a linkage that each rule is about, and what an entry of this field must be."""
 
 SPRING_ENDS, SPRING_ON_FRAME, SPRING_ON_LINK, TORSION_LINKS = range(4)
 SPRING_FAULTS = (
-    "between joints of the linkage, or a joint and a point of the chassis",
-    "between two points that move: a joint of the frame is at rest relative to the chassis",
-    "between two joints without a common link",
-    "between two links that share a pin",
+    "between two joints of the linkage, or between a joint and a point of the chassis",
+    "between two points that move relative to each other, and no joint of the frame moves relative "
+    "to the chassis",
+    "between two joints that are not on the same link",
+    "between two different links that share a pin",
 )
 """Description of an allowed spring, by the number of the fault."""
 CHASSIS = -2

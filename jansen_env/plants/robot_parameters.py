@@ -34,6 +34,10 @@ LIMITS = np.array([(row.least, row.most) for row in TABLE]).T
 """Smallest and largest value of each parameter, shape (2, parameters)."""
 ON_TERRAINS = ("friction", "restitution")
 """Parameters that are fields of a terrain."""
+ONLY_ZERO = {
+    "compliant": "0 with compliant pads, whose springs and dampers determine how they bounce"
+}
+"""Description of the only allowed value of a parameter, by the flag ``Parameter.zero_where``."""
 
 
 def machine_of(robot: Robot, row: np.void) -> Robot:
@@ -160,5 +164,4 @@ def check_restitution(compliant: Bools, restitution: Array) -> None:
     """
     bounces = compliant & (restitution > 0.0)
     if bounces.any():
-        allowed = "0 with compliant pads, whose springs and dampers determine how they bounce"
-        raise invalid("restitution", float(restitution[bounces][0]), allowed)
+        raise invalid("restitution", float(restitution[bounces][0]), ONLY_ZERO["compliant"])

@@ -127,7 +127,7 @@ class Robot:
             given = f"{len(self.legs)} legs of {pads} pads each"
             raise ValueError(f"Robot.legs must have at most {MOST_PADS} pads in all, got {given}")
         if self.legs[0].phase != 0.0:
-            allowed = "0: the first leg's crank defines the crank angle"
+            allowed = "0, because the crank of the first leg defines the crank angle"
             raise invalid("Robot.legs[0].phase", self.legs[0].phase, allowed)
 
     def _check_bodies(self) -> None:

@@ -82,7 +82,8 @@ def robot_from_json(content: object) -> Robot:
         ValueError: If the content is not a valid robot. The message is one line.
     """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        raise invalid("a robot file", content, f"of format {FORMAT!r}")
+        found = content.get("format") if isinstance(content, Mapping) else None
+        raise invalid("the format of a robot file", found, repr(FORMAT))
     given = {name: value for name, value in content.items() if name != "format"}
     if "design" in given:
         if {*given} != OF_DESIGN:
@@ -95,7 +96,7 @@ def robot_from_json(content: object) -> Robot:
         return with_lengths(ROBOTS[one_of("design", given["design"], ROBOTS)](), given["lengths"])
     robot = _from_json(given)
     if not isinstance(robot, Robot):
-        raise ValueError(f"a robot file must contain a Robot, got a {shown(content.get('is'))}")
+        raise ValueError(f"a robot file must contain a Robot, got {shown(content.get('is'))}")
     return robot
 
 
@@ -166,8 +167,16 @@ def _from_json(value: object) -> object:
     if unknown := [name for name in given if name not in known]:
         allowed = listed(known, unknown[0])
         raise invalid(f"a key of a {kind}", unknown[0], f"one of {allowed}")
+    required = [field.name for field in fields(PARTS[kind]) if _is_required(field)]
+    if missing := [name for name in required if name not in given]:
+        raise ValueError(f"a {kind} must have the key {missing[0]!r}, got one without it")
     with named_errors(f"a {kind} is wrong", TypeError):
         return PARTS[kind](**given)
+
+
+def _is_required(field: Field[Any]) -> bool:
+    """Return whether a field of a part has no default."""
+    return field.default is MISSING and field.default_factory is MISSING
 
 
 def file_schema() -> dict[str, dict[str, Any]]:

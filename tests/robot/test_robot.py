@@ -64,7 +64,7 @@ REFUSED = [
     (lambda: Robot(legs=(Leg("fore", 0.5),)), r"legs\[0\].phase must be .*, got 0.5"),
     (lambda: Compliance(0.0), "Compliance.stiffness must be .*, got 0.0"),
     (lambda: Compliance(1e4, -1.0), "Compliance.damping must be .*, got -1.0"),
-    (lambda: Compliance(damping=1.0), "stiffness must be finite with a damping of 1.0, got inf"),
+    (lambda: Compliance(damping=1.0), "stiffness must be finite with a damping of 1, got inf"),
     (lambda: Compliance(1e4, 0.0, math.inf), "tangential_stiffness must be .*, got inf"),
     (lambda: Compliance(np.zeros(0), 1.0), r"stiffness must be a finite.*got array\(\[\].*"),
     (lambda: Motor(no_load_speed=5.0), "stall_torque must be .*, got inf"),

@@ -158,10 +158,10 @@ def test_what_does_not_close_is_said_and_drawn(window):
         joint_positions(with_lengths(ROBOTS["paper"](), {"rocker": 0.15}), "fore", [*range(7)])
     page.locator("#length-foot_CE + input").fill("900")
     page.keyboard.press("Tab")
-    says(page, "^The three sides of foot form no triangle.$")
+    says(page, "^The three sides of foot must form a triangle.$")
     page.locator("#length-foot_CE + input").fill("-1")
     page.keyboard.press("Tab")
-    says(page, "^foot CE must be from 0.01 to 10000 mm.$")
+    says(page, "^foot CE must be between 0.01 and 10000 mm, got -1.$")
 
 
 def test_everything_by_keys(window):
@@ -195,14 +195,14 @@ def test_a_link_holds_the_design(bench):
     assert fragment(page) == "klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25"
     assert page.locator("#base").input_value() == "klann"
     for wrong, text in {
-        "wheel": "no robot of this page",
-        "paper&wheels=4": '"wheels=4", which is no length of paper',
+        "wheel": "The robot of the link must be one of ",
+        "paper&wheels=4": "A length in the link must be one of frame",
         "paper&rocker=1e3": "rocker=1e3",
-        "paper&rocker=-5": "rocker must be from 0.01 to 10000 mm",
-        "paper&rocker=99999": "rocker must be from",
-        "paper&rocker=<img>": "is no length of paper",
-        "paper" + 900 * "&x=1": "is no length of paper",
-        "%": "no robot",
+        "paper&rocker=-5": "rocker must be between 0.01 and 10000 mm, got -5",
+        "paper&rocker=99999": "rocker must be between",
+        "paper&rocker=<img>": 'the form NAME=NUMBER, got "rocker=',
+        "paper" + 900 * "&x=1": 'got "x=1"',
+        "%": 'got "%"',
     }.items():
         page.evaluate("location.hash = ''")
         page.evaluate("text => { location.hash = text; }", wrong)

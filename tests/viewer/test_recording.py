@@ -279,7 +279,7 @@ def claimed(shape):
             for entry, message in (
                 (
                     {"robot": {**nested(0), "is": "Leg", "side": "fore"}},
-                    "a robot file must contain a Robot, got a 'Leg'",
+                    "a robot file must contain a Robot, got 'Leg'",
                 ),
                 ({"robot": nested(700)}, "nested so deeply"),
                 ({"energies": "motor_work"}, r"energy must have the shape \(5, 10\), got \(5, 9\)"),

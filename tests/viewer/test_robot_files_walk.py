@@ -103,24 +103,24 @@ def test_what_is_no_robot_is_refused():
         return {**paper, "springs": [{"is": is_, **fields}]}
 
     wrong = {
-        "its format must be .jansen_env robot 1., got .jansen_env robot 0.": {
+        "the format of a robot file must be .jansen_env robot 1., got .jansen_env robot 0.": {
             **paper,
             "format": "jansen_env robot 0",
         },
-        "it must describe a Robot, got .Motor.": {**paper, "is": "Motor"},
-        "linkage.pads is missing; write it with write_robot": {
+        "a robot file must contain a Robot, got .Motor.": {**paper, "is": "Motor"},
+        "linkage must have the key .pads., got one without it; write_robot writes all keys": {
             **paper,
             "linkage": {k: v for k, v in linkage.items() if k != "pads"},
         },
-        "legs.1..foot is no field of a Leg": {
+        r"a key of legs\[1\] must be one of \['side', 'phase'\], got .foot.": {
             **paper,
             "legs": [paper["legs"][0], {**paper["legs"][1], "foot": 1}],
         },
         "damping must be a list, got 0.1": {**paper, "damping": 0.1},
         r"damping\[3\] must be between 0 and": {**paper, "damping": [*[0.1] * 3, -1, *[0.1] * 6]},
         "linkage must be a Linkage, got": {**paper, "linkage": "jansen"},
-        "material must be one of .*plywood, got": {**paper, "material": "steel"},
-        r"legs\[0\].phase must be 0, got": {
+        "material must be one of .*plywood'.*, got": {**paper, "material": "steel"},
+        r"legs\[0\].phase must be 0, because .* defines the crank angle, got 1": {
             **paper,
             "legs": [{"is": "Leg", "side": "back", "phase": 1}],
         },
@@ -136,7 +136,7 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "bodies": paper["bodies"][1:],
         },
-        r"linkage.bodies\[\d\] must be a body with as many joints as its link has": {
+        r"bodies\[\d\] must be a (Bar|Triangle) or a Plate with joints": {
             **paper,
             "bodies": [*paper["bodies"][1:], paper["bodies"][0]],
         },
@@ -144,7 +144,7 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "linkage": {**linkage, "toes": "Z"},
         },
-        r"linkage.damped\[0\] must be two different bodies": {
+        r"linkage.damped\[0\] must be the numbers of two different bodies": {
             **paper,
             "linkage": {**linkage, "damped": [[1, 99], *linkage["damped"][1:]]},
         },
@@ -158,19 +158,19 @@ def test_what_is_no_robot_is_refused():
         },
         "does not close": {**paper, "bodies": [long, *paper["bodies"][1:]]},
         "cannot stand": {**paper, "frame_angle": 3.3},
-        r"springs\[0\] must be between joints of the linkage": sprung(is_="Spring", start="Z"),
+        r"springs\[0\].start must be one of \[.*\], got": sprung(is_="Spring", start="Z"),
         r"springs\[0\] must be between two points that move": sprung(is_="Spring", start="P"),
         r"springs\[0\] must be between two joints": sprung(is_="Spring", start="D", end="B"),
-        r"springs\[0\] must be between two links": sprung(
+        r"springs\[0\] must be between two different links": sprung(
             is_="TorsionSpring", first="frame", second="foot"
         ),
-        "whole turns relative to each other": sprung(
+        "whole turns relative to each other, got .crank. and .upper_rod.": sprung(
             is_="TorsionSpring", first="crank", second="upper_rod", stiffness=1.0
         ),
         r"springs\[0\].stiffness must be between 0 and": sprung(
             is_="Spring", start="D", stiffness=-1.0
         ),
-        f"at most {MOST_TOES} toes in all": as_file(ROBOTS["paper"](MOST_TOES // 2 + 1)),
+        f"at most {MOST_TOES} toes, got": as_file(ROBOTS["paper"](MOST_TOES // 2 + 1)),
     }
     for (pattern, _), told in zip(wrong.items(), in_node([*wrong.values()])["tables"], strict=True):
         assert isinstance(told, str) and re.search(pattern, told), (pattern, told)
@@ -207,6 +207,53 @@ def test_counts_and_whole_numbers_are_refused_as_in_python():
         with pytest.raises(ValueError, match=f"{name} must (be|have) .*, got "):
             robot_from_json(content)
         assert re.search(rf"{name}\S* must (be|have) .*, got ", message), message
+
+
+def test_a_fault_has_the_same_words_as_in_python():
+    """Only the name of the entry and the value differ, which Python shows in its own notation."""
+    paper = as_file(ROBOTS["paper"]())
+    linkage, (fore, *legs), (bar, *bodies) = paper["linkage"], paper["legs"], paper["bodies"]
+    dyads = linkage["dyads"]
+    triangle = next(k for k, body in enumerate(paper["bodies"]) if body["is"] == "Triangle")
+    turned = [*paper["bodies"]]
+    turned[triangle] = {**turned[triangle], "alpha": 4.0, "gamma": 5.0}
+    wrong = [
+        {**paper, "format": "jansen_env robot 0"},
+        {**bar, "format": paper["format"]},
+        {**paper, "legs": [{**fore, "foot": 1}, *legs]},
+        {**paper, "legs": [{"is": "Leg"}, *legs]},
+        {**paper, "legs": [{**fore, "side": "left"}, *legs]},
+        {**paper, "legs": [{**fore, "phase": 0.5}, *legs]},
+        {**paper, "damping": 0.1},
+        {**paper, "pad_radius": -1.0},
+        {**paper, "pad_radius": "1"},
+        {**paper, "pad_compliance": {"is": "Compliance", "damping": 5.0}},
+        {**paper, "bodies": turned},
+        {**paper, "bodies": [*bodies, bar]},
+        {**paper, "springs": [{"is": "Spring", "start": "Z"}]},
+        {**paper, "springs": [{"is": "Spring", "start": "P"}]},
+        {**paper, "springs": [{"is": "Spring", "start": "D", "end": "B"}]},
+        {**paper, "springs": [{"is": "TorsionSpring", "first": "frame", "second": "foot"}]},
+        *(
+            {**paper, "linkage": {**linkage, **fields}}
+            for fields in (
+                {"toes": "TT"},
+                {"pads": [["X", 8]]},
+                {"damped": [[1, 1], *linkage["damped"][1:]]},
+                {"bearings": [[1, 99], *linkage["bearings"][1:]]},
+                {"dyads": dyads[1:]},
+                {"dyads": [*dyads, ["T", "A", "B", 1]]},
+                {"dyads": [["B", "A", "A", -1], *dyads[1:]]},
+                {"dyads": [["B", "A", "P", 0], *dyads[1:]]},
+                {"dyads": dyads[:1]},
+            )
+        ),
+    ]
+    for content, told in zip(wrong, in_node(wrong)["tables"], strict=True):
+        with pytest.raises(ValueError, match=r"must .*, got") as error:
+            robot_from_json(content)
+        words = str(error.value).partition(" must ")[2].partition(", got ")[0]
+        assert f" must {words}, got " in told, (told, str(error.value))
 
 
 def wrong_numbers(part, name="Robot", wrap=lambda part: part):

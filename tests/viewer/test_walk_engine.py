@@ -316,6 +316,34 @@ def test_a_seed_gives_the_start_of_an_environment():
         assert int(stream) == env.task.world.seeds[0], seed
 
 
+def test_a_refused_change_has_the_same_words_as_in_python():
+    script = """
+        import { readFileSync } from "node:fs";
+        import { loadEngine } from "FOLDER/engine.js";
+        import { Machine } from "FOLDER/machine.js";
+        const { data, changes } = JSON.parse(readFileSync(0, "utf8"));
+        const engine = await loadEngine(Buffer.from(data.engine, "base64"), data.layout);
+        const machine = await Machine.create(engine, data.robots.built, null);
+        const refusal = (change) => {
+          try {
+            machine.change(change);
+          } catch (error) {
+            return error.message;
+          }
+        };
+        console.log(JSON.stringify(changes.map(refusal)));
+    """
+    changes = [{"restitution": 0.5}, {"payload": 1000.0}, {"friction": -1.0}, {"friction": 2e9}]
+    env = JansenWalkerEnv(robot="built")
+    env.reset(seed=0)
+    answers = browser.in_node(script, data=data(), changes=changes)
+    for change, told in zip(changes, answers, strict=True):
+        with pytest.raises(ValueError, match=r"must .*, got") as error:
+            env.set_parameters(**change)
+        words = str(error.value).replace(".0", "").partition(" must ")[2].partition(", got ")[0]
+        assert f" must {words}, got " in told, (told, str(error.value))
+
+
 @pytest.mark.slow
 def test_a_saved_walk_is_the_same_again(tmp_path):
     rng = np.random.default_rng(3)

@@ -183,7 +183,7 @@ def test_choices_are_the_link(opened):
 def test_wrong_links_are_refused(opened):
     """They are refused as the first and as later ones; a robot walks all the same."""
     wrong = {
-        "robot=wheel": "no robot",
+        "robot=wheel": "The robot of the link must be one of",
         "terrain=constructor": "terrain",
         "level=10": "level",
         "seed=-1": "seed",

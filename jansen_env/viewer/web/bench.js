@@ -142,7 +142,7 @@ function showNumbers() {
 
 /** Where a linkage does not close, in one sentence; "" if it does. */
 function faultOf({ linkage, gap }) {
-  if (linkage.fault) return `The three sides of ${plain(linkage.fault)} form no triangle.`;
+  if (linkage.fault) return `The three sides of ${plain(linkage.fault)} must form a triangle.`;
   if (!gap) return "";
   const { joint, whole, from, to, span } = gap;
   const where = whole ? "at any angle" : `from ${degrees(from)} to ${degrees(to)}`;

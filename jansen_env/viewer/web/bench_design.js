@@ -36,11 +36,11 @@ export function rangeOf({ lengths, signed }, name) {
   return [Math.floor(value - slide), Math.ceil(value + slide)];
 }
 
-/** Why a value, as shown, cannot be that of a length of a design; "" if it can. */
+/** Return why a value, as shown, cannot be that of a length of a design; "" if it can. */
 export function refusal({ signed }, name, value) {
   const low = signed.includes(name) ? -LARGEST : 0.01;
   if (value >= low && value <= LARGEST) return "";
-  return `${name} must be from ${low} to ${LARGEST} ${unitOf(name)}.`;
+  return `${name} must be between ${low} and ${LARGEST} ${unitOf(name)}, got ${value}.`;
 }
 
 /** The fragment of a link to a design: paper&rocker=240. */
@@ -52,14 +52,22 @@ export function linkOf({ base, changes }) {
 /** The design of a fragment. Throws an Error that says in one line what is wrong with it. */
 export function designOf(designs, fragment) {
   const [base, ...rest] = fragment.slice(0, LONGEST_LINK).split("&");
-  if (!Object.hasOwn(designs, base)) throw new Error(`The link has no robot of this page.`);
+  if (!Object.hasOwn(designs, base)) {
+    const known = Object.keys(designs).join(", ");
+    throw new Error(`The robot of the link must be one of ${known}, got "${base.slice(0, 40)}".`);
+  }
   const changes = {};
   for (const part of rest) {
     const [, name, text] = /^([A-Za-z_]+)=(-?\d+(?:\.\d+)?)$/.exec(part) ?? [];
-    if (!name || !Object.hasOwn(designs[base].lengths, name))
-      throw new Error(`The link has "${part.slice(0, 40)}", which is no length of ${base}.`);
+    const { lengths } = designs[base];
+    const given = `got "${part.slice(0, 40)}"`;
+    if (!name) throw new Error(`A length in the link must have the form NAME=NUMBER, ${given}.`);
+    if (!Object.hasOwn(lengths, name)) {
+      const known = Object.keys(lengths).join(", ");
+      throw new Error(`A length in the link must be one of ${known}, ${given}.`);
+    }
     const wrong = refusal(designs[base], name, Number(text));
-    if (wrong) throw new Error(`The link's ${wrong}`);
+    if (wrong) throw new Error(`In the link, ${wrong}`);
     changes[name] = lengthOf(name, Number(text));
   }
   return withLengths(designs, { base, changes }, {});

@@ -5,6 +5,7 @@
 // hand has only begin() and topSpeed: its torque is given from outside.
 
 import { numbersOf } from "./engine.js";
+import { listed } from "./robot.js";
 
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
@@ -109,12 +110,21 @@ class Policy {
     const { memory } = machine;
     Object.assign(this, { policy, machine, topSpeed: policy.fastest });
     this.columns = policy.observed.map((name) => machine.observed.indexOf(name));
-    if (this.columns.includes(-1)) throw new Error("the policy observes what this machine lacks");
     const { observed } = machine;
+    const missing = policy.observed.find((name) => !observed.includes(name));
+    if (missing)
+      throw new Error(
+        "the policy must observe only numbers of this environment, " +
+          `${listed(observed.filter(Boolean))}, got ${missing}`,
+      );
     const more = observed.find(
       (name) => name.startsWith("toe_load_") && !policy.observed.includes(name),
     );
-    if (more) throw new Error("the policy has learnt on a robot with fewer toes");
+    if (more)
+      throw new Error(
+        "the policy must observe all toe loads of this environment, got a policy without " +
+          `${more}, which was trained on a robot with fewer toes`,
+      );
     [this.mean, this.deviation] = ["mean", "deviation"].map((k) =>
       memory.filled("f8", numbersOf(policy[k], Float64Array)),
     );

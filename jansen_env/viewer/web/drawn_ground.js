@@ -33,7 +33,11 @@ export function pointsOf(text, steepest) {
     return whole && Math.abs(y - height) <= steepest * (x - before);
   });
   if (!fits || points.length > MOST + 2)
-    throw new Error("The link's ground is no line of centimetres that leads forwards.");
+    throw new Error(
+      `The ground in the link must consist of at most ${MOST} points x,y in whole centimetres, ` +
+        `whose x increases from above ${LEVEL} to at most ${FARTHEST}, and whose slopes are at ` +
+        `most ${steepest}, got "${text.slice(0, 40)}".`,
+    );
   const [end, level] = points.at(-1);
   return [...points, [end + 100, level]].map((point) => point.map((value) => value / 100));
 }

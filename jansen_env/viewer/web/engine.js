@@ -130,7 +130,10 @@ export class Memory {
     for (const [i, [name, type, axes, apart]] of this.layout.kernels[symbol].entries()) {
       const value = values[i];
       if (axes > 0 && (value?.type !== type || value.shape.length !== axes))
-        throw new Error(`${symbol}: ${name} must be an array ${type} of ${axes} axes`);
+        throw new Error(
+          `${name} of ${symbol} must be an array of type ${type} with ${axes} axes, got ` +
+            (value?.shape ? `type ${value.type} with ${value.shape.length} axes` : value),
+        );
       if (axes === 0) put(type, value);
       else for (const word of [value.address, ...value.shape]) put("i8", word);
       if (apart) put("i8", value.rowSize);

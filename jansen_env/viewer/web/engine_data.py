@@ -18,6 +18,7 @@ from jansen_env.engine import (
     link_shapes,
     machines,
     pcg64,
+    placement,
     pushes,
     records,
     reduction,
@@ -62,6 +63,7 @@ NUMBERS = {
     topology: "CHASSIS",
     walker_env: "FASTEST_COMMAND",
     robot: "MOST_PADS",
+    placement: "DEEPEST",
 }
 OF_PAGES = (pcg64, contact_frames, crank_control)
 """Modules of the engine that pages use. Importing a module registers its kernels."""

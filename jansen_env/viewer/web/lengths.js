@@ -12,13 +12,16 @@ export function robotWithLengths({ work }, data, base, changed) {
   const design = data.designs[base];
   const { names, lengths: known, parts } = design;
   const lengths = { ...known, ...changed };
-  const lost = names.findIndex((each) => !each.every((name) => Number.isFinite(lengths[name])));
-  if (lost >= 0) throw new Error(`lengths of ${robot.linkage.bodies[lost][0]} are missing`);
+  const wrong = names.flat().find((name) => !Number.isFinite(lengths[name]));
+  if (wrong) throw new Error(`lengths['${wrong}'] must be a finite number, got ${lengths[wrong]}`);
   return work.scratch(() => {
     const made = resizer(work, new Leg(work, robot), { ...design, robot });
     const fault = made.resize(lengths);
-    if (fault >= 0)
-      throw new Error(`the sides of ${robot.linkage.bodies[fault][0]} form no triangle`);
+    if (fault >= 0) {
+      const sides = names[fault].map((name) => lengths[name]).join(", ");
+      const [body] = robot.linkage.bodies[fault];
+      throw new Error(`lengths of ${body}: sides must form a triangle, got (${sides}) m`);
+    }
     const isNew = (k) => names[k].some((name) => lengths[name] !== known[name]);
     const bodies = robot.bodies.map((link, k) =>
       parts || isNew(k) ? linkOf(made.links, made.points, k, link) : link,

@@ -4,7 +4,7 @@
 // What is here makes their arguments. Metres, radians, seconds, newtons.
 
 import { lineOf } from "./ground.js";
-import { compileRobot, Leg, padsOf, putMachine, whole } from "./robot.js";
+import { compileRobot, Leg, listed, padsOf, putMachine, whole } from "./robot.js";
 import { sceneOf } from "./scene.js";
 
 const INFINITE = Number.POSITIVE_INFINITY;
@@ -92,7 +92,7 @@ export class Machine {
     this.noPushes = memory.array("f8", 0, 0, 2);
   }
 
-  /** The record, all that the future depends on: `record_dtype` of engine/records.py. */
+  /** The robot's record: `record_dtype` of engine/records.py. */
   makeRecord() {
     const { memory, layout, toes, padLayout, numbers } = this;
     const parts = {
@@ -171,7 +171,10 @@ export class Machine {
     const { layout } = this;
     for (const [name, value] of Object.entries(changes)) {
       const row = layout.parameters[name];
-      if (!row) throw new Error(`${name} cannot be changed`);
+      if (!row) {
+        const known = listed(Object.keys(layout.parameters));
+        throw new Error(`a parameter to change must be one of ${known}, got '${name}'`);
+      }
       if (!(value >= row.least && value <= row.most))
         throw new Error(`${name} must be between ${row.least} and ${row.most}, got ${value}`);
     }
@@ -183,14 +186,25 @@ export class Machine {
   checkFeet() {
     const { layout, parameters } = this;
     const { nominal } = this.machine.read();
-    for (const [name, { idle, zeroWhere }] of Object.entries(layout.parameters))
+    for (const [name, { zeroWhere, onlyZero }] of Object.entries(layout.parameters))
       if (nominal[zeroWhere] && parameters[name] !== 0)
-        throw new Error(`${name} must be 0 with ${idle}, got ${parameters[name]}`);
+        throw new Error(`${name} must be ${onlyZero}, got ${parameters[name]}`);
     const before = this.record().slice();
     const tooSoft = this.stand() >= 0;
     this.record().set(before);
-    if (tooSoft)
-      throw new Error(`payload must be less: ${parameters.payload} kg are too much for these feet`);
+    if (tooSoft) throw new Error(this.faultOfFeet());
+  }
+
+  /** Return why the feet are too soft, in one sentence. */
+  faultOfFeet() {
+    const { properties } = this.robots.read();
+    const { mass, stiffness, gravity_y } = properties;
+    // `resting_depth` of jansen_env/engine/placement.py must be at most DEEPEST.
+    const least = (0.5 * mass * -gravity_y) / this.numbers.DEEPEST;
+    return (
+      `pad_compliance.stiffness must be at least ${Number(least.toPrecision(3))} N/m to carry a ` +
+      `robot of ${Number(mass.toPrecision(3))} kg, got ${stiffness[0]} N/m`
+    );
   }
 
   /** Apply checked parameters. */
@@ -280,7 +294,8 @@ export class Machine {
 
   /** Hold an action, -1 to 1, for a control step. */
   step(action) {
-    if (!Number.isFinite(action)) throw new Error(`action must be finite, got ${action}`);
+    if (!Number.isFinite(action))
+      throw new Error(`action must be one finite number, got ${action}`);
     const { memory, rows, episodes, observing } = this;
     this.actions.view[0] = action;
     this.queues.view.set([0n, 1n, 0n, 0n]);
@@ -310,7 +325,9 @@ export class Machine {
 
   /** Push the chassis at the crank axis from now on by an impulse, N s; throw if there are too many. */
   push(x, y) {
-    if (!Number.isFinite(x + y)) throw new Error(`impulse must be finite, got ${x}, ${y}`);
+    for (const [name, value] of Object.entries({ Jx: x, Jy: y }))
+      if (!Number.isFinite(value))
+        throw new Error(`${name} of the impulse must be a finite number, got ${value}`);
     const { memory, robots, schedule, pushSettings, time } = this;
     const before = robots.read(0, "scheduled");
     const given = [time, x, y, pushSettings, before, schedule.at(0)];
@@ -327,7 +344,7 @@ export class Machine {
     this.robots.write({ status: { ground_x: this.states.view[0] } });
   }
 
-  /** All that the future depends on. */
+  /** Return all that steps, pushes and changes of parameters change. */
   snapshot() {
     const { parameters, robot, noisy, machine } = this;
     const kept = { parameters: { ...parameters }, robot, noisy };

@@ -4,12 +4,14 @@
 export async function loadWeights(name, policy) {
   await runFile(policy.file).catch(() => {
     throw new Error(
-      `The network of the ${name} is in the file ${policy.file}, which is not beside this page.`,
+      `The network of the ${name} is in the file ${policy.file}, which must be in the same folder as this page.`,
     );
   });
   policy.weights = globalThis.jansenNetworks?.[policy.file];
   if (!policy.weights)
-    throw new Error(`The file ${policy.file} does not have the network of the ${name}.`);
+    throw new Error(
+      `The file ${policy.file} must contain the network of the ${name}, but does not.`,
+    );
 }
 
 /** Run a script beside the page; of all ways to read a file this one works without a server, too. */

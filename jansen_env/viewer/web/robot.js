@@ -29,7 +29,7 @@ export function whole({ schema }, { is, ...given }) {
 export function checkRobot(engine, content) {
   const { layout } = engine;
   for (const wrong of faultsOf(engine, content))
-    if (wrong) throw new Error(`This robot file cannot be used on this page: ${wrong}.`);
+    if (wrong) throw new Error(`This page cannot use the robot file: ${wrong}.`);
   const { format, ...robot } = content;
   return { format, ...completed(layout, robot) };
 }
@@ -49,30 +49,34 @@ function completed(layout, value) {
 function* faultsOf({ work, layout }, content) {
   const { schema, numbers, format, tasks } = layout;
   yield content?.format !== format &&
-    `its format must be "${format}", got ${shown(content?.format)}`;
+    `the format of a robot file must be '${format}', got ${shown(content?.format)}`;
   const { format: _, ...robot } = content;
-  yield robot.is !== "Robot" && `it must describe a Robot, got ${shown(robot.is)}`;
+  yield robot.is !== "Robot" && `a robot file must contain a Robot, got ${shown(robot.is)}`;
   yield* faultsOfValue(schema, { parts: ["Robot"] }, robot, "");
   const complete = completed(layout, robot);
   const { linkage, legs, springs } = complete;
+  yield faultOfBodies(layout, complete);
   yield work.scratch(() => faultOfLinkage(work, complete));
   for (const [k, spring] of springs.entries())
     yield work.scratch(() => faultOfSpring(work, linkage, spring, `springs[${k}]`));
-  yield (legs[0].phase ?? 0) !== 0 && `legs[0].phase must be 0, got ${legs[0].phase}`;
+  const { phase } = legs[0];
+  const allowed = "0, because the crank of the first leg defines the crank angle";
+  yield phase !== 0 && `legs[0].phase must be ${allowed}, got ${phase}`;
   const toes = legs.length * linkage.toes.length;
   const mostToes = Object.keys(tasks).length;
-  yield toes > mostToes && `its legs must have at most ${mostToes} toes in all, got ${toes}`;
-  const pads = legs.length * (linkage.toes.length + linkage.pads.length);
+  yield toes > mostToes && `a robot on the page must have at most ${mostToes} toes, got ${toes}`;
+  const pads = linkage.toes.length + linkage.pads.length;
   const most = numbers.MOST_PADS;
-  yield pads > most && `its legs must have at most ${most} pads in all, got ${pads}`;
+  const given = `${legs.length} legs of ${pads} pads each`;
+  yield legs.length * pads > most && `legs must have at most ${most} pads in all, got ${given}`;
 }
 
-/** Check a value of a robot file by its kind; `name` says where it stands in the file. */
+/** Check a value of a robot file by its kind; `name` is its path in the file. */
 function* faultsOfValue(schema, kind, value, name) {
   const { parts, each, row } = kind;
   const allowed = refused(kind, value);
   yield allowed && `${name} must be ${allowed}, got ${shown(value)}`;
-  if (parts) yield* faultsOfPart(schema, value, name && `${name}.`);
+  if (parts) yield* faultsOfPart(schema, value, name);
   if (each ?? row)
     for (const [k, entry] of value.entries())
       yield* faultsOfValue(schema, each ?? row[k], entry, `${name}[${k}]`);
@@ -81,7 +85,7 @@ function* faultsOfValue(schema, kind, value, name) {
 /** Return what is allowed instead of a value, leaving its own entries aside; "" if it is allowed. */
 function refused(kind, value) {
   const [[name, given]] = Object.entries(kind);
-  return CHECKS[name](given, value) ? "" : ALLOWED[name](given);
+  return CHECKS[name](given, value) ? "" : ALLOWED[name](given, value);
 }
 
 const CHECKS = {
@@ -94,28 +98,44 @@ const CHECKS = {
   row: (kinds, value) => Array.isArray(value) && value.length === kinds.length,
 };
 const ALLOWED = {
-  number: ({ allowed }) => allowed,
+  number: ({ allowed }, value) => (Number.isFinite(value) ? allowed : "a finite number"),
   whole: (most) => `a whole number from ${-most} to ${most}`,
   type: (type) => `a ${type}`,
-  one: (values) => `one of ${values.join(", ")}`,
+  one: (values) => `one of ${listed(values)}`,
   parts: (names) => `a ${names.join(" or a ")}`,
   each: () => "a list",
   row: (kinds) => `a list of ${kinds.length}`,
 };
 
-const shown = (value) => String(JSON.stringify(value)).slice(0, LONGEST);
+function shown(value) {
+  const text = String(JSON.stringify(value));
+  return text.length <= LONGEST ? text : `${text.slice(0, LONGEST)}...`;
+}
 
-/** Check the fields of a part of a robot file, and the rules for several of them. */
-function* faultsOfPart(schema, { is, ...given }, start) {
+/** Return a list of names as Python shows it in its messages. */
+export const listed = (names) => `[${names.map((name) => `'${name}'`).join(", ")}]`;
+
+/** Check the fields of a part of a robot file, and its rules; `path` is "" for the robot itself. */
+function* faultsOfPart(schema, { is, ...given }, path) {
   const { fields, rules } = schema[is];
+  const part = path || `a ${is}`;
+  const start = path && `${path}.`;
+  const known = Object.keys(fields);
   for (const name of Object.keys(given))
-    yield !Object.hasOwn(fields, name) && `${start}${name} is no field of a ${is}`;
+    yield !known.includes(name) &&
+      `a key of ${part} must be one of ${listed(known)}, got ${shown(name)}`;
   for (const [name, { kind, default: value }] of Object.entries(fields))
     if (name in given) yield* faultsOfValue(schema, kind, given[name], start + name);
-    else yield value === undefined && `${start}${name} is missing; write it with write_robot`;
+    else
+      yield value === undefined &&
+        `${part} must have the key '${name}', got one without it; write_robot writes all keys`;
   const values = whole({ schema }, { is, ...given });
-  for (const rule of rules)
-    yield rule.field ? faultOfCount(rule, values, start) : faultOfRule(rule, values, start);
+  for (const rule of rules) yield faultOfRule(rule, values, start, part);
+}
+
+function faultOfRule(rule, values, start, part) {
+  if (rule.field) return faultOfCount(rule, values, start);
+  return rule.with ? faultOfPair(rule, values, start) : faultOfTotal(rule, values, part);
 }
 
 function faultOfCount({ field, least, other }, values, start) {
@@ -129,19 +149,25 @@ function faultOfCount({ field, least, other }, values, start) {
   );
 }
 
-function faultOfRule({ sum, product, number, with: field, finite: other }, numbers, start) {
-  if (field) {
-    const counts = Number.isFinite(numbers[field]) && numbers[field] !== 0;
-    return (
-      counts &&
-      numbers[other] === Number.POSITIVE_INFINITY &&
-      `${start}${field} must stand with ${other}`
-    );
-  }
-  const values = (sum ?? product).map((name) => numbers[name]);
-  const total = values.reduce((a, b) => (sum ? a + b : a * b));
-  const names = (sum ?? product).join(sum ? " + " : " * ");
-  return !isWithin(number, total) && `${start}${names} must be ${number.allowed}, got ${total}`;
+function faultOfPair({ with: field, finite: other }, numbers, start) {
+  const value = numbers[field];
+  return (
+    Number.isFinite(value) &&
+    value !== 0 &&
+    numbers[other] === Number.POSITIVE_INFINITY &&
+    `${start}${other} must be finite with a ${field} of ${value}, got infinity`
+  );
+}
+
+function faultOfTotal({ sum, product, number }, numbers, part) {
+  const names = sum ?? product;
+  const total = names.map((name) => numbers[name]).reduce((a, b) => (sum ? a + b : a * b));
+  const operation = `the ${sum ? "sum" : "product"} of ${names.join(", ")}`;
+  const given = [...new Set(names)].map((name) => `${name} of ${numbers[name]}`).join(" and ");
+  return (
+    !isWithin(number, total) &&
+    `${part}: ${operation} must be ${number.allowed}, got ${total}: ${given}`
+  );
 }
 
 function isWithin({ least, most, above }, value) {
@@ -173,6 +199,19 @@ function topologyOf(memory, linkage) {
   };
 }
 
+const KINDS = { 2: "a Bar", 3: "a Triangle" }; // by the number of joints
+
+/** Return what is wrong with the number of joints of a body, or "". */
+function faultOfBodies({ jointsOf }, { linkage, bodies }) {
+  for (const [k, [, joints]] of linkage.bodies.entries()) {
+    const { is, points } = bodies[k];
+    if ((jointsOf[is] ?? points.length) === joints.length) continue;
+    const allowed = `${KINDS[joints.length] ?? "a Plate"} or a Plate with joints ${joints}`;
+    return `bodies[${k}] must be ${allowed}, got ${shown(bodies[k])}`;
+  }
+  return "";
+}
+
 /** Return what is wrong with a linkage, or ""; jansen_env/engine/topology.py has the rules. */
 function faultOfLinkage(memory, { linkage, bodies }) {
   const { jointsOf, linkageFaults } = memory.layout;
@@ -194,13 +233,21 @@ function faultOfSpring(memory, linkage, spring, name) {
   const { springFaults, numbers } = memory.layout;
   const { members } = topologyOf(memory, linkage);
   const { start, end, first, second } = spring;
-  const jointOf = (joint) => [...linkage.joints].indexOf(joint);
-  const bodyOf = (link) => linkage.bodies.findIndex(([each]) => each === link);
-  const [kernel, ...ends] =
+  const joints = [...linkage.joints];
+  const links = linkage.bodies.map(([each]) => each);
+  const jointOf = (joint) => joints.indexOf(joint);
+  const bodyOf = (link) => links.indexOf(link);
+  const ends = spring.is === "TorsionSpring" ? { first, second } : { start, ...(end && { end }) };
+  for (const [field, value] of Object.entries(ends)) {
+    const known = spring.is === "TorsionSpring" ? links : joints;
+    if (!known.includes(value))
+      return `${name}.${field} must be one of ${listed(known)}, got ${shown(value)}`;
+  }
+  const [kernel, ...indices] =
     spring.is === "TorsionSpring"
       ? ["find_torsion_fault", bodyOf(first), bodyOf(second)]
       : ["find_spring_fault", jointOf(start), end ? jointOf(end) : numbers.CHASSIS];
-  const fault = memory.call(`topology_${kernel}`, members, ends);
+  const fault = memory.call(`topology_${kernel}`, members, indices);
   return fault < 0 ? "" : `${name} must be ${springFaults[fault]}, got ${shown(spring)}`;
 }
 
@@ -346,17 +393,15 @@ function compileIn(memory, leg) {
   const out = [body, tables, bearings, springs];
   const work = workSpace(memory, leg.links.length, pads, friction.length);
   const tail = memory.call("reduction_compile_tables", psi, x, places, ofLeg, constants, work, out);
-  if (tail === Number.POSITIVE_INFINITY)
-    throw new Error(
-      "its torsion springs must be between links that do not make whole turns relative to each other",
-    );
-  if (!(tail <= TAIL_TOLERANCE))
-    throw new Error("its linkage passes too near a dead point: two links that meet are collinear");
+  if (tail === Number.POSITIVE_INFINITY) throw new Error(faultOfTurns(leg, x));
+  if (!(tail <= TAIL_TOLERANCE)) throw new Error(faultOfTail(leg, tail));
   const walk = walkOf(leg);
   if (!walk.stands)
     throw new Error(
-      "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn; " +
-        "the usual cause is a dyad assembled on its other side",
+      "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn, but " +
+        `is ${walk.highest.toPrecision(3)} m above the axis at crank angle ` +
+        `${walk.at.toFixed(3)} rad; the usual causes are dyads assembled on their other side ` +
+        "(Dyad.branch), and a frame that is upside down (frame_angle, in radians)",
     );
   const numbers = out.map((table) => table.view.slice());
   const reach = reachOf(memory, leg, body.at(0), tables);
@@ -367,6 +412,46 @@ function compileIn(memory, leg) {
     springs: numbers[3],
   };
   return { ...compiled, ...walk, ...reach };
+}
+
+/** Return which torsion spring is between links that make whole turns, in one sentence. */
+function faultOfTurns({ robot }, x) {
+  const [samples, bodies] = x.shape;
+  const angleOf = (i, body) => x.view[3 * (bodies * (i % samples) + body)];
+  const turnsOf = (name) => {
+    const body = robot.linkage.bodies.findIndex(([each]) => each === name);
+    let turns = 0;
+    for (let i = 0; i < samples; i += 1)
+      turns -= Math.round((angleOf(i + 1, body) - angleOf(i, body)) / TURN);
+    return turns;
+  };
+  const k = robot.springs.findIndex(
+    ({ is, first, second }) => is === "TorsionSpring" && turnsOf(first) !== turnsOf(second),
+  );
+  const links = `'${robot.springs[k].first}' and '${robot.springs[k].second}'`;
+  return (
+    `springs[${k}] must be between two links that do not make whole turns relative to each other, ` +
+    `got ${links}`
+  );
+}
+
+/** Return why the tables of a leg have not converged, in one sentence. */
+function faultOfTail({ memory, robot, dyads, closing, joints }, tail) {
+  const { HARMONICS, TAIL_TOLERANCE, TURN_SAMPLES } = memory.layout.numbers;
+  const psi = memory.array("f8", TURN_SAMPLES);
+  memory.call("closure_put_turn_angles", -Math.PI, psi);
+  const places = memory.array("f8", TURN_SAMPLES, joints, 2);
+  const [fault, out] = [memory.array("f8", OPEN), memory.array("f8", 2)];
+  memory.call("closure_put_joints", psi, closing, places, fault);
+  const dyad = memory.call("closure_nearest_dead_point", places, dyads, out);
+  const [sine, k] = out.view;
+  return (
+    `robot's tables have not converged: harmonics beyond ${Math.floor((HARMONICS * 7) / 8)} must ` +
+    `be at most ${TAIL_TOLERANCE.toExponential(0)} of the largest, got ${tail.toExponential(1)}; ` +
+    `the linkage passes too near a dead point: at crank angle ${psi.view[k].toFixed(3)} rad the ` +
+    `links that meet in ${robot.linkage.dyads[dyad][0]} are within ` +
+    `${Math.asin(Math.min(sine, 1)).toFixed(3)} rad of one line`
+  );
 }
 
 /** Return the springs of a leg: `SpringRows` of robot_arrays.py. */
@@ -407,21 +492,27 @@ function reachOf(memory, leg, body, tables) {
   return { extent, farthest: [...farthest.view], depths: depths.view.slice() };
 }
 
-/** Return advance per turn and mean height of the crank axis in m, and whether the robot can stand. */
+/**
+ * Return advance per turn and mean height of the crank axis in m, and whether the robot can stand:
+ * whether the lowest toe is always below the axis. `highest` is its largest height above the axis in
+ * m, and `at` the crank angle there in rad.
+ */
 export function walkOf(leg) {
   const { memory, toes } = leg;
   const { TURN_SAMPLES, HEIGHT_SAMPLES } = memory.layout.numbers;
   return memory.scratch(() => {
     const heights = memory.array("f8", HEIGHT_SAMPLES);
-    const places = leg.placeLegs(leg.turn(HEIGHT_SAMPLES));
+    const angles = leg.turn(HEIGHT_SAMPLES);
+    const places = leg.placeLegs(angles);
     memory.call("closure_put_lowest_toes", places, toes, heights);
     const height = -memory.call("closure_mean", heights);
-    const stands = heights.view.every((lowest) => lowest < 0);
+    const highest = Math.max(...heights.view);
+    const at = angles.view[heights.view.indexOf(highest)];
     const psi = memory.array("f8", TURN_SAMPLES + 1);
     memory.call("closure_put_angles_to_end", TURN, psi);
     const ways = memory.array("f8", TURN_SAMPLES);
     const advance = memory.call("closure_advance_over_turn", leg.placeLegs(psi), toes, ways);
-    return { advance, height, stands };
+    return { advance, height, stands: highest < 0, highest, at };
   });
 }
 

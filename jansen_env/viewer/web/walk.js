@@ -12,7 +12,7 @@ import { LESSONS } from "./lessons.js";
 import { loadWeights } from "./networks.js";
 import { drawPlot } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
-import { checkRobot } from "./robot.js";
+import { checkRobot, listed } from "./robot.js";
 import { css, drawScene, followingView, heightAt, pixels, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
 import { APART, HAND, shown, Walker } from "./walker.js";
@@ -153,10 +153,13 @@ async function loadNetworks(names) {
 function groundFor(choice) {
   for (const [name, values] of Object.entries(OPTIONS))
     if (!name.startsWith("robot") && ![...values, choice.ground && DRAWN].includes(choice[name]))
-      throw new Error(`${name} is "${choice[name].slice(0, 40)}", which this page does not have.`);
+      throw new Error(
+        `${name} must be one of ${listed(values)}, got '${choice[name].slice(0, 40)}'.`,
+      );
   const seed = Number(choice.seed);
+  const given = choice.seed.slice(0, 40);
   if (!Number.isInteger(seed) || seed < 0 || seed > data.mostSeed)
-    throw new Error(`seed must be from 0 to ${data.mostSeed}, got "${choice.seed.slice(0, 40)}".`);
+    throw new Error(`seed must be a whole number from 0 to ${data.mostSeed}, got '${given}'.`);
   if (choice.terrain === DRAWN) return pointsOf(choice.ground, data.steepest);
   return groundOf(engine, data.terrain, choice.terrain, Number(choice.level), seed);
 }

@@ -222,8 +222,8 @@ def _limits(row: Parameter) -> Json:
     return {
         "least": row.least,
         "most": row.most,
-        "idle": row.idle,
         "zeroWhere": row.zero_where,
+        "onlyZero": robot_parameters.ONLY_ZERO.get(row.zero_where, ""),
         "sets": {name: low for name, (low, _) in sets.items()},
     }
 

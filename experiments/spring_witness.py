@@ -1,6 +1,6 @@
 """Do three simulators agree on how much a spring lowers the torque of the crank?
 
-Run the experiment as follows. It takes about two minutes on one core.
+Run the experiment as follows. It takes about three minutes on one core.
 
     python experiments/spring_witness.py [--quick]
 

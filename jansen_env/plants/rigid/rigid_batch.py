@@ -10,7 +10,7 @@ pymunk solves pins and contacts together by iteration, and it pulls open joints 
 Joints therefore have gaps of some hundredths of a millimetre (:attr:`StepResult.joint_gap`), and
 resting toes creep. The iteration starts from the impulses of the last time step, but there is no
 such impulse for a toe that is landing. A time step with a landing therefore gets ten times as many
-iterations. This backend is some hundred times slower than the projection backend.
+iterations. This backend is about a thousand times slower than the projection backend.
 """
 
 from __future__ import annotations

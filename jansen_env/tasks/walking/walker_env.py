@@ -192,9 +192,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     A planar Theo Jansen linkage walks on the ground. By default it is the four-legged robot of
     *Dynamic Analysis and Modeling of Jansen Mechanism*: 32 bodies on one crank shaft, 3.2 kg. Its
     dynamics are the projected equations of the paper with a free chassis (4 degrees of freedom),
-    and its toes stick and slip by Coulomb's law. At a constant crank speed its toes must slip, and
-    at some speeds it falls over. The task is to control the torque so that the robot walks better
-    than that.
+    and its toes stick and slip by Coulomb's law. At most constant crank speeds its toes slip, and at
+    some speeds it falls over. The task is to control the torque so that the robot walks better than
+    that.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
@@ -398,10 +398,10 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     The same task runs on two plants (simulation backends). They share the data of the robot, the
     ground, the contact laws and the motor, but not the equations and solvers. ``"projection"``
     integrates the projected equations of the paper with exact contacts, and is fast enough for
-    training. ``"rigid_body"`` consists of the bodies and joints of pymunk, and is some hundred times
-    slower. pymunk solves the contacts of rigid feet; compliant feet are springs and dampers that
-    push the bodies. The joints have small gaps (``info["joint_gap"]``). A policy that walks on both
-    plants does not exploit numerical errors.
+    training. ``"rigid_body"`` consists of the bodies and joints of pymunk, and is about a thousand
+    times slower. pymunk solves the contacts of rigid feet; compliant feet are springs and dampers
+    that push the bodies. The joints have small gaps (``info["joint_gap"]``). A policy that walks on
+    both plants does not exploit numerical errors.
 
     Only ``"rigid_body"`` has pins with play and gears with backlash. With ``joint_play``, each pin
     of the legs moves freely in a hole that is wider by this radius, and ``info["joint_gap"]``

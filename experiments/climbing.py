@@ -22,7 +22,7 @@ from jansen_env.engine.ground_lines import START
 from jansen_env.policies.policy import Controlled, Policy
 from jansen_env.scoring.rollout import run_episodes
 from jansen_env.tasks.walking.walker_benchmark import BASELINES
-from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator
+from jansen_env.terrain.generators import HIGHEST, LEVELS, MIXTURE, NamedGenerator
 from jansen_env.terrain.ground import one_step
 
 DATA, PAGE = "terrain/climbing.json", "terrain/climbing.md"
@@ -133,7 +133,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
         if obstacle != "one step":
             by_kind.setdefault(obstacle.split()[0], []).append(together)
     made = [table(["obstacle", *CONTROLLERS, "any, at any speed"], rows)]
-    if len(by_kind) == len(LEVELS):
+    if len(by_kind) == len(MIXTURE):
         mixed = np.mean([np.mean(kind, axis=0) for kind in by_kind.values()], axis=0)
         levels = [str(level) for level in range(HIGHEST + 1)]
         cells = [f"{value:.2f}" for value in mixed[: HIGHEST + 1]]

@@ -192,8 +192,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     A planar Theo Jansen linkage walks on the ground. By default it is the four-legged robot of
     *Dynamic Analysis and Modeling of Jansen Mechanism*: 32 bodies on one crank shaft, 3.2 kg. Its
     dynamics are the projected equations of the paper with a free chassis (4 degrees of freedom),
-    and its toes stick and slip by Coulomb's law. At a low constant crank speed its toes slip, and at
-    some speeds the robot falls over. The task is to control the torque so that the robot walks
+    and its toes stick and slip by Coulomb's law. At a low constant crank speed its toes slip, and
+    at some speeds the robot falls over. The task is to control the torque so that the robot walks
     better than that.
 
     ## Action Space

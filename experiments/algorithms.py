@@ -10,9 +10,8 @@ with five trials on JansenWalkerBuilt-v0. A trial draws its hyperparameters from
 :func:`drawn`, trains for about half of the budget on one of the seeds 100 to 102, and scores its
 last model by the mean return over the commands of the environment, in episodes that are not test
 episodes. All algorithms have the same observations, reward and wrappers, and networks have the same
-features of the observations. ARS has its linear policy, which knows no features. The comparison
-``default_flat`` uses the hyperparameters of the libraries instead, without any features. The
-comparisons on rough terrain take the hyperparameters that were tuned on flat ground.
+features of the observations. ARS has its linear policy, which knows no features. The comparison on
+rough terrain takes the hyperparameters that were tuned on flat ground.
 
 The configurations train on the seeds 1 to N, and the benchmark scores the last model of each run.
 The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
@@ -86,7 +85,7 @@ class Comparison:
         seconds: Processor time of a run, in s. None if the steps are given.
         steps: Number of environment steps of a run. None if the processor time is given.
         tuned: Whether the hyperparameters are found with trials, rather than taken from the
-            comparison with the same budget on flat ground, or from the libraries.
+            comparison with the same budget on flat ground.
     """
 
     budget: str
@@ -105,9 +104,7 @@ class Comparison:
     @property
     def amount(self) -> str:
         """Budget of a run, in words."""
-        defaults = "library defaults, " if self.budget == "default" else ""
-        amount = f"{self.seconds:.0f} s" if self.steps is None else f"{self.steps:,} steps"
-        return defaults + amount
+        return f"{self.seconds:.0f} s" if self.steps is None else f"{self.steps:,} steps"
 
 
 COMPARISONS = (
@@ -295,10 +292,7 @@ def untuned_config(algo: str, comparison: Comparison, source: Path) -> RunConfig
     torch.set_num_threads(1)
     assert comparison.seconds is not None
     track = TRACKS[comparison.track]
-    if comparison.budget == "default":
-        config = RunConfig(algo=algo, n_envs=1)
-    else:
-        config = load_config(source / f"{algo}_{comparison.budget}_flat.yml")
+    config = load_config(source / f"{algo}_{comparison.budget}_flat.yml")
     config = replace(config, env=track.env_id, env_kwargs=dict(track.env_kwargs))
     return with_budget(config, comparison.seconds)
 

@@ -55,14 +55,14 @@ ANCHORS = np.linspace(-0.4, 0.4, 9)  # x and y of the ends on the chassis, in m
 METRICS = ("peak_torque", "rms_torque", "steady_cost_of_transport", "return")
 """Metrics of the walks under the PID."""
 POLICY_METRICS = {
-    "peak_torque": "peak torque (N m)",
-    "rms_torque": "RMS torque (N m)",
-    "steady_cost_of_transport": "cost of transport",
-    "return": "return",
-    "steady_speed_error": "speed error (m/s)",
-    "load": "load (weights)",
+    "peak_torque": ("peak torque (N m)", 2),
+    "rms_torque": ("RMS torque (N m)", 2),
+    "steady_cost_of_transport": ("cost of transport", 3),
+    "return": ("return", 0),
+    "steady_speed_error": ("speed error (m/s)", 4),
+    "load": ("load (weights)", 2),
 }
-"""Metrics of the walks under trained policies, with the headings of their tables."""
+"""Metrics under trained policies, with the headings and the decimals of their tables."""
 LABELS = {"none": "no spring", "peak": "peak torque", "rms": "RMS torque"}
 SEED = 11
 
@@ -383,17 +383,18 @@ def policy_tables(policies: dict[str, Any]) -> list[str]:
     for scores in policies["scores"]:
         by_robot.setdefault((scores["robot"], scores["kind"]), []).append(scores)
     made = []
-    for metric, heading in POLICY_METRICS.items():
+    for metric, (heading, decimals) in POLICY_METRICS.items():
         rows = []
         for (name, kind), seeds in by_robot.items():
             columns = zip(*(scores[metric] for scores in seeds), strict=True)
-            rows.append([f"`{name}`", LABELS[kind], *map(mean_and_deviation, columns)])
-        speeds = [f"{speed} m/s" for speed in COMMANDS]
-        made.append(table([f"{heading}, trained policies", "spring for", *speeds], rows, texts=2))
+            cells = [mean_and_deviation(column, decimals) for column in columns]
+            rows.append([f"`{name}`", LABELS[kind], str(len(seeds)), *cells])
+        head = [f"{heading}, trained policies", "spring for", "policies"]
+        made.append(table([*head, *(f"{speed} m/s" for speed in COMMANDS)], rows, texts=2))
     return made
 
 
-def mean_and_deviation(values: Iterable[float | None]) -> str:
+def mean_and_deviation(values: Iterable[float | None], decimals: int) -> str:
     """Return the mean and the standard deviation over the seeds as text.
 
     Only seeds that have a value count. A single value has no deviation.
@@ -401,8 +402,8 @@ def mean_and_deviation(values: Iterable[float | None]) -> str:
     known = [value for value in values if value is not None]
     if not known:
         return "none"
-    mean = f"{np.mean(known):.2f}"
-    return mean if len(known) == 1 else f"{mean} ± {np.std(known, ddof=1):.2f}"
+    mean = f"{np.mean(known):.{decimals}f}"
+    return mean if len(known) == 1 else f"{mean} ± {np.std(known, ddof=1):.{decimals}f}"
 
 
 def draw(results: dict[str, Any], path: Path) -> None:

@@ -278,6 +278,8 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     ]
     if rows:
         made.append(table(["return of profiles that were searched on", *names], rows))
+    if results["policies"]:
+        made += policy_tables(results)
     return {PAGE: made}
 
 
@@ -367,8 +369,6 @@ def main() -> None:
         "scores": scores,
     }
     publish(args.out, DATA, results, tables(results))
-    if policies:
-        print("\n\n".join(policy_tables(results)))
 
 
 if __name__ == "__main__":

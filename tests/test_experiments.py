@@ -145,8 +145,10 @@ def test_the_robot_files_of_the_page_about_springs_are_its_robots() -> None:
 
 def test_the_page_about_joint_play_shows_its_data() -> None:
     path = ROOT / "docs" / "joint_play" / "joint_play.json"
-    walks = json.loads(path.read_text(encoding="utf-8"))["walks"]
+    results = json.loads(path.read_text(encoding="utf-8"))
+    walks = results["walks"]
     page = (ROOT / "docs" / "joint_play.md").read_text(encoding="utf-8")
     joint_play = import_module("joint_play")
+    assert joint_play.episode_table(results["episodes"]) in page
     for controller in joint_play.CONTROLLERS:
         assert joint_play.table(walks, controller) in page, controller

@@ -13,8 +13,8 @@ episodes. All algorithms have the same observations, reward and wrappers, and ne
 features of the observations. ARS has its linear policy, which knows no features. The comparison on
 rough terrain takes the hyperparameters that were tuned on flat ground.
 
-The configurations train on the seeds 1 to N, and the benchmark scores the last model of each run.
-The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
+Each configuration trains on the seeds 1, 2 and so on, and the benchmark scores the last model of
+each run. The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
 the hyperparameters ``agents/studies/equal/ALGORITHM_COMPARISON.yml``, and
 docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist are left out, so
 that the experiment can be interrupted.
@@ -187,7 +187,9 @@ def rollout(config: RunConfig) -> int:
     if config.algo == "ars":
         # Two candidates for each direction, each with an episode of every robot.
         return 2 * hyperparameters["n_delta"] * config.n_envs * 500
-    return config.n_envs * hyperparameters.get("n_steps", 1)
+    if config.algo == "ppo":
+        return config.n_envs * hyperparameters["n_steps"]
+    return config.n_envs
 
 
 def with_budget(config: RunConfig, seconds: float) -> RunConfig:
@@ -201,7 +203,7 @@ def with_budget(config: RunConfig, seconds: float) -> RunConfig:
     """
     if config.algo in ("sac", "tqc"):
         # Updates begin after these steps, which cost less.
-        start = config.hyperparameters.get("learning_starts", 100)
+        start = config.hyperparameters["learning_starts"]
         short = start + 25 * config.n_envs
         longer = start + 250 * config.n_envs
     else:
@@ -352,9 +354,8 @@ def updates(config: RunConfig) -> float:
     if config.algo == "ars":
         return 1000.0 / rollout(config)
     if config.algo == "ppo":
-        # The defaults of Stable-Baselines3 are 10 epochs and batches of 64.
-        return 1000.0 * hyperparameters.get("n_epochs", 10) / hyperparameters.get("batch_size", 64)
-    return 1000.0 * hyperparameters.get("gradient_steps", 1) / config.n_envs
+        return 1000.0 * hyperparameters["n_epochs"] / hyperparameters["batch_size"]
+    return 1000.0 * hyperparameters["gradient_steps"] / config.n_envs
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:

@@ -122,15 +122,16 @@ def _measured(
     advance: Advance,
 ) -> dict[str, Array]:
     """Return the quantities of a robot that goes on walking."""
-    seconds = predict.measured_time(speed, WALKED)
     begun = float(env.task.world.x_position[0])
-    _, _, rows = _walk(env, pid, seen, memory, seconds, advance)
+    _, _, rows = _walk(env, pid, seen, memory, predict.measured_time(speed, WALKED), advance)
+    seconds = len(rows) * env.control_dt  # a whole number of control steps
     part = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     way = float(part["x_position"][-1]) - begun
     if abs(way) <= MIN_DISTANCE:
         way = math.copysign(MIN_DISTANCE, speed)
     weight = np.array(GRAVITY * env.robot.mass)
-    return predict.walking_quantities(part, np.array(way), seconds, weight)
+    quantities = predict.walking_quantities(part, np.array(way), seconds, weight)
+    return {**quantities, "falls": part["fallen"][-1].astype(float)}
 
 
 def table(changes: dict[str, Change], predicted: dict[str, Any]) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 
 from jansen_env import Robot, evaluate
 from jansen_env.registration import training_folder
-from jansen_env.robot.robot_file import write_robot
+from jansen_env.robot.robot_file import read_robot, write_robot
 
 ENV = "JansenWalkerBuilt-v0"
 STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
@@ -15,19 +15,30 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
     """Train a policy unless its file exists, and return the file.
 
     Args:
-        folder: Folder of the run.
+        folder: Folder of the run. Its name gets the ending ``_quick`` if ``quick`` is true, so that
+            the experiment itself does not use this policy.
         robot: Robot on which the policy is trained.
         seed: Seed of the training.
         command: Command that started the experiment.
         quick: Whether to train for two rollouts only.
+
+    Raises:
+        ValueError: If the folder contains a run with another robot.
     """
     from agents.training.config import new_config
 
+    if quick:
+        folder = folder.with_name(f"{folder.name}_quick")
+    file = folder / "robot.json"
+    if file.is_file() and read_robot(file) != robot:
+        raise ValueError(
+            f"{file} must be the robot of this run, got another robot: remove {folder}"
+        )
     folder.mkdir(parents=True, exist_ok=True)
-    write_robot(folder / "robot.json", robot)
+    write_robot(file, robot)
     config = new_config(
         training_folder(ENV) / "quick.yml",
-        env_kwargs={"robot": str(folder / "robot.json")},
+        env_kwargs={"robot": str(file)},
         seed=seed,
         timesteps=2 * 8 * 32 if quick else STEPS,
         n_envs=8 if quick else None,

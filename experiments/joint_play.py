@@ -48,7 +48,7 @@ METRICS = {
     "speed_error": ("speed error (m/s)", ".3f"),
     "slip_per_metre": ("slip (m/m)", ".2f"),
     "cost_of_transport": ("cost of transport", ".2f"),
-    "falls": ("falls", ".0f"),
+    "falls": ("falls", ".1f"),
 }
 """Metrics of the episodes, with the headings of their columns and the formats of their values."""
 COLUMNS = {
@@ -188,11 +188,17 @@ def walk_episodes(turns: float) -> list[dict[str, Any]]:
 
 
 def episode_table(rows: list[dict[str, Any]]) -> str:
-    """Return the table of the episodes, as docs/joint_play.md contains it."""
+    """Return the table of the episodes.
+
+    A metric is "none" if it is undefined in all episodes.
+    """
     headings = ["simulation", "play (mm)", *(heading for heading, _ in METRICS.values())]
     lines = ["| " + " | ".join(headings) + " |", "| --- |" + " ---: |" * (len(headings) - 1)]
     for row in rows:
-        cells = [f"{row[name]:{form}}" for name, (_, form) in METRICS.items()]
+        cells = [
+            "none" if row[name] is None else f"{row[name]:{form}}"
+            for name, (_, form) in METRICS.items()
+        ]
         lines.append("| " + " | ".join([row["plant"], f"{row['play']:g}", *cells]) + " |")
     return "\n".join(lines)
 

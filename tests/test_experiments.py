@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jansen_env.robot.robot_file import read_robot
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.robot_file import read_robot, write_robot
 
 ROOT = Path(__file__).parents[1]
 SCRIPTS = {
@@ -107,6 +108,27 @@ def test_the_page_about_springs_shows_the_scores_of_trained_policies() -> None:
     page = (ROOT / "docs" / springs.PAGE).read_text(encoding="utf-8")
     for table in springs.policy_tables(scores):
         assert table in page
+
+
+def test_a_policy_of_another_robot_is_refused(tmp_path: Path) -> None:
+    """The experiment neither uses the policy nor replaces the description of its robot."""
+    pytest.importorskip("stable_baselines3")
+    trained = import_module("trained")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    write_robot(folder / "robot.json", ROBOTS["stroller"]())
+    (folder / "final_model.zip").touch()
+    with pytest.raises(ValueError, match="must be the robot of this run"):
+        trained.train_policy(folder, ROBOTS["built"](), 0, "", quick=False)
+    assert read_robot(folder / "robot.json") == ROBOTS["stroller"]()
+    assert trained.train_policy(folder, ROBOTS["stroller"](), 0, "", quick=False).parent == folder
+
+
+def test_a_metric_that_no_episode_has_is_called_none() -> None:
+    joint_play = import_module("joint_play")
+    row = {"plant": "projection", "play": 0.0, **dict.fromkeys(joint_play.METRICS), "falls": 0.5}
+    cells = joint_play.episode_table([row]).splitlines()[-1].strip("| ").split(" | ")
+    assert cells == ["projection", "0", "none", "none", "none", "none", "0.5"]
 
 
 def test_the_page_about_reference_problems_shows_its_data() -> None:

@@ -17,7 +17,8 @@ Each configuration trains on the seeds 1, 2 and so on, and the benchmark scores 
 each run. The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
 the hyperparameters ``agents/studies/equal/ALGORITHM_COMPARISON.yml``, and
 docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist are left out, so
-that the experiment can be interrupted.
+that the experiment can be interrupted. A configuration that exists is used, whatever the trials
+give. To tune the algorithms again, remove the files of the configurations.
 """
 
 import argparse

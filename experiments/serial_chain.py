@@ -22,7 +22,7 @@ import gymnasium as gym
 import numpy as np
 from pages import options, publish, table
 from scipy.stats import t as student
-from trained import ENV, score_policy, train_policy
+from trained_policies import ENV, score_policy, train_policy
 
 from jansen_env import ROBOTS, Payload, Robot
 from jansen_env.arrays import Array

@@ -27,7 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from pages import options, publish, table
 from scipy.optimize import linprog
-from trained import ENV, score_policy, train_policy
+from trained_policies import ENV, score_policy, train_policy
 
 from jansen_env import ROBOTS, Robot, Terrain, evaluate
 from jansen_env.arrays import Array

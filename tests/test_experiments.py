@@ -113,7 +113,7 @@ def test_the_page_about_springs_shows_the_scores_of_trained_policies() -> None:
 def test_a_policy_of_another_robot_is_refused(tmp_path: Path) -> None:
     """The experiment neither uses the policy nor replaces the description of its robot."""
     pytest.importorskip("stable_baselines3")
-    trained = import_module("trained")
+    trained = import_module("trained_policies")
     folder = tmp_path / "run"
     folder.mkdir()
     write_robot(folder / "robot.json", ROBOTS["stroller"]())

@@ -16,9 +16,8 @@ rough terrain takes the hyperparameters that were tuned on flat ground.
 Each configuration trains on the seeds 1, 2 and so on, and the benchmark scores the last model of
 each run. The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
 the hyperparameters ``agents/studies/equal/ALGORITHM_COMPARISON.yml``, and
-docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist are left out, so
-that the experiment can be interrupted. A configuration that exists is used, whatever the trials
-give. To tune the algorithms again, remove the files of the configurations.
+docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist in the folder of
+the runs are left out, so that the experiment can be interrupted.
 """
 
 import argparse
@@ -83,8 +82,8 @@ class Comparison:
         track: Name of the track of the benchmark.
         runs: Number of training runs of each algorithm.
         algorithms: Names of the algorithms.
-        seconds: Processor time of a run, in s. None if the steps are given.
-        steps: Number of environment steps of a run. None if the processor time is given.
+        steps: Number of environment steps of a run. None if the budget is a processor time.
+        seconds: Processor time of a run without a number of steps, in s.
         tuned: Whether the hyperparameters are found with trials, rather than taken from the
             comparison with the same budget on flat ground.
     """
@@ -93,8 +92,8 @@ class Comparison:
     track: str
     runs: int
     algorithms: tuple[str, ...] = ALGORITHMS
-    seconds: float | None = 90.0
     steps: int | None = None
+    seconds: float = 90.0
     tuned: bool = False
 
     @property
@@ -110,7 +109,7 @@ class Comparison:
 
 COMPARISONS = (
     Comparison("90s", "flat", 10, tuned=True),
-    Comparison("200k", "flat", 5, ("ppo", "sac", "ars"), None, 200_000, tuned=True),
+    Comparison("200k", "flat", 5, ("ppo", "sac", "ars"), steps=200_000, tuned=True),
     Comparison("90s", "terrain", 5, ("ppo", "sac")),
 )
 
@@ -255,10 +254,10 @@ def try_out(algo: str, trial: int, comparison: Comparison, logs: Path) -> dict[s
     if file.exists():
         return yaml.safe_load(file.read_text(encoding="utf-8"))
     config = drawn(algo, trial, few_steps=comparison.steps is not None)
-    if comparison.steps is not None:
+    if comparison.steps is None:
+        config = with_budget(config, comparison.seconds / 2.0)
+    else:
         config = replace(config, timesteps=comparison.steps // 2)
-    elif comparison.seconds is not None:
-        config = with_budget(config, comparison.seconds / 2)
     folder = logs / file.stem
     spent, trained = learn(config, config.timesteps, folder)
     found = {
@@ -278,26 +277,29 @@ def best_config(algo: str, comparison: Comparison, trials: list[dict[str, Any]])
     """Return the configuration of the best trial, with the number of steps of a run."""
     own = [trial for trial in trials if trial["algorithm"] == algo]
     best = max(own, key=lambda trial: trial["return"])
-    steps = comparison.steps
-    if comparison.seconds is not None:
-        steps = int(best["trained"] * comparison.seconds / best["seconds"])
+    steps = comparison.steps or int(best["trained"] * comparison.seconds / best["seconds"])
     return RunConfig(**{**best["config"], "timesteps": steps})
 
 
-def untuned_config(algo: str, comparison: Comparison, source: Path) -> RunConfig:
-    """Return a configuration without trials on the track, with the number of steps of a run.
+def untuned_config(algo: str, comparison: Comparison, logs: Path, chosen: Path) -> RunConfig:
+    """Return a configuration that was tuned on flat ground, with the number of steps of a run.
 
     Args:
         algo: Name of the algorithm.
-        comparison: The comparison, which has a budget in seconds.
-        source: Folder with the configurations that were tuned on flat ground.
+        comparison: The comparison, whose budget is a processor time.
+        logs: Folder of the runs.
+        chosen: Folder of the configurations.
     """
     torch.set_num_threads(1)
-    assert comparison.seconds is not None
+    file = logs / f"{algo}_{comparison.name}.yml"
+    if file.exists():
+        return load_config(file)
     track = TRACKS[comparison.track]
-    config = load_config(source / f"{algo}_{comparison.budget}_flat.yml")
+    config = load_config(chosen / f"{algo}_{comparison.budget}_flat.yml")
     config = replace(config, env=track.env_id, env_kwargs=dict(track.env_kwargs))
-    return with_budget(config, comparison.seconds)
+    config = with_budget(config, comparison.seconds)
+    write_text(file, yaml.safe_dump(asdict(config)))
+    return config
 
 
 def mean_return(folder: Path, config: RunConfig) -> float:
@@ -475,15 +477,14 @@ def main() -> None:
                 data["trials"] += [{"budget": comparison.budget, **trial} for trial in found]
             configs = {}
             for algo in comparison.algorithms:
-                file = chosen / f"{algo}_{comparison.name}.yml"
-                if file.exists():
-                    configs[algo] = load_config(file)
-                elif comparison.tuned:
-                    configs[algo] = best_config(algo, comparison, found)
+                if comparison.tuned:
+                    config = best_config(algo, comparison, found)
                 else:
-                    job = pool.submit(untuned_config, algo, comparison, chosen)
-                    configs[algo] = job.result()
-                write_text(file, yaml.safe_dump(asdict(configs[algo])))
+                    job = pool.submit(untuned_config, algo, comparison, args.logs, chosen)
+                    config = job.result()
+                configs[algo] = config
+                file = chosen / f"{algo}_{comparison.name}.yml"
+                write_text(file, yaml.safe_dump(asdict(config)))
             data["configs"][comparison.name] = {
                 algo: asdict(config) for algo, config in configs.items()
             }

@@ -130,9 +130,9 @@ class Machine(Protocol):
     """CPU time of all steps so far, in s."""
 
     quick: bool
-    """Whether steps are so short that measuring the gap and the energy would distort the CPU time.
+    """Whether a step takes so little CPU time that measuring gap and energy would distort it.
 
-    The CPU time of such a mechanism is measured in separate runs.
+    If it does, the CPU time is measured in separate runs.
     """
 
     def advance(self, torque: float, duration: float) -> None:

@@ -26,6 +26,8 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         ValueError: If the folder contains a run with another robot.
     """
     from agents.training.config import new_config
+    from agents.training.runs import FINAL, record_run
+    from agents.training.train_model import prepare, train
 
     if quick:
         folder = folder.with_name(f"{folder.name}_quick")
@@ -43,26 +45,10 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         timesteps=2 * 8 * 32 if quick else STEPS,
         n_envs=8 if quick else None,
     )
-    return train_run(folder, config, command)
-
-
-def train_run(folder: Path, config: Any, command: str) -> Path:
-    """Train a configuration unless its last model exists, and return the file of this model.
-
-    Args:
-        folder: Folder of the run.
-        config: The configuration, a :class:`jansen_env.sb3.run_config.RunConfig`.
-        command: Command that started the experiment.
-    """
-    from agents.training.runs import FINAL, record_run
-    from agents.training.train_model import prepare, train
-
-    file = folder / FINAL
-    if not file.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / FINAL).is_file():
         record_run(folder, config, command)
         train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
-    return file
+    return folder / FINAL
 
 
 def score_policy(

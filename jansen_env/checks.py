@@ -454,7 +454,7 @@ class AsManyAs(NamedTuple):
         if count != allowed:
             name = f"{type(part).__name__}.{self.field}"
             raise ValueError(
-                f"{name} must have {allowed} entries, as many as {self.other}, got {count}"
+                f"{name} must have {allowed} entries, the same number as {self.other}, got {count}"
             )
 
 

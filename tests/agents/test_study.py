@@ -173,7 +173,7 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
 
 
 def test_the_page_is_the_report_of_its_data(tmp_path):
-    """The page has an introduction of its own instead of the heading of the report."""
+    """On the page, an introduction replaces the heading of the report."""
     shipped = ROOT / "docs" / "training" / "algorithms"
     folder = tmp_path / "algorithms"
     folder.mkdir()

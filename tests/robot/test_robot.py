@@ -45,12 +45,12 @@ REFUSED = [
     (lambda: Robot(material="steel"), "Robot.material must be .*, got 'steel'"),
     (
         lambda: Robot(damping=(0.1,) * 9),
-        "Robot.damping must have 10 entries, as many as linkage.damped, got 9",
+        "Robot.damping must have 10 entries, the same number as linkage.damped, got 9",
     ),
     (lambda: Robot(damping=(-0.1,) * 10), "Robot.damping must be .*, got -0.1"),
     (
         lambda: Robot(bearing_friction=(0.1,)),
-        "bearing_friction must have 10 entries, as many as linkage.bearings, got 1",
+        "bearing_friction must have 10 entries, the same number as linkage.bearings, got 1",
     ),
     (lambda: Robot().with_bodies(rocker=0.25), "rocker must be a Bar or a Plate.*got 0.25"),
     (lambda: Robot().with_bodies(foot=Bar(0.25)), r"Robot\.bodies: foot must be a Triangle or a"),

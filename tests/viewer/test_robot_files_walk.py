@@ -132,7 +132,7 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "linkage": {**linkage, "dyads": [["B", "A", "P", 0], *linkage["dyads"][1:]]},
         },
-        "bodies must have 8 entries, as many as linkage.bodies, got 7": {
+        "bodies must have 8 entries, the same number as linkage.bodies, got 7": {
             **paper,
             "bodies": paper["bodies"][1:],
         },
@@ -148,7 +148,7 @@ def test_what_is_no_robot_is_refused():
             **paper,
             "linkage": {**linkage, "damped": [[1, 99], *linkage["damped"][1:]]},
         },
-        "damping must have 10 entries, as many as linkage.damped, got 1": {
+        "damping must have 10 entries, the same number as linkage.damped, got 1": {
             **paper,
             "damping": [0.1],
         },
@@ -164,7 +164,7 @@ def test_what_is_no_robot_is_refused():
         r"springs\[0\] must be between two different links": sprung(
             is_="TorsionSpring", first="frame", second="foot"
         ),
-        "whole turns relative to each other, got .crank. and .upper_rod.": sprung(
+        "springs must be between two links that do not make whole turns relative to": sprung(
             is_="TorsionSpring", first="crank", second="upper_rod", stiffness=1.0
         ),
         r"springs\[0\].stiffness must be between 0 and": sprung(

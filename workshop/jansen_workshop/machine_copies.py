@@ -17,9 +17,9 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.scoring.metrics import SETTLING
 from jansen_env.scoring.rollout import Advance, no_progress
 from jansen_env.terrain.ground import Terrain
-from jansen_workshop.commands import predict
+from jansen_workshop import walking_copies
 from jansen_workshop.commands.measurements import Log, MeasuredWalk
-from jansen_workshop.commands.predict import WITHIN
+from jansen_workshop.walking_copies import WITHIN
 
 Limits: TypeAlias = dict[str, tuple[float, float]]
 NAMES = {
@@ -145,14 +145,14 @@ def walk_copies(
     least, most = within["torque_filter"]
     if least == 0.0:
         within = {**within, "torque_filter": (most - most / FILTERED, most)}
-    robots, known, _ = predict.draw_copies(robot, within, copies)
+    robots, known, _ = walking_copies.draw_copies(robot, within, copies)
     known["torque_filter"] = np.maximum(0.0, known["torque_filter"])
     rng = np.random.default_rng(0)
     walks = []
     stood = np.ones(copies, bool)
     for log in logs:
-        seconds = SETTLING + predict.measured_time(log.speed)
-        run, dt = predict.walk(
+        seconds = SETTLING + walking_copies.measured_time(log.speed)
+        run, dt = walking_copies.walk(
             robots, known, log.speed, Terrain.flat(), seconds, log.gains, advance
         )
         stood &= ~run["fallen"][-1]

@@ -4,7 +4,6 @@ Only this backend can simulate play, and it is slow. A few copies of a robot the
 short time, each with and without play from the same state.
 """
 
-import math
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -16,12 +15,12 @@ from jansen_env.envs.vector import Observations
 from jansen_env.plants.rigid.rigid_batch import PLAY_TIME_STEP
 from jansen_env.policies.policy import Memory, Policy
 from jansen_env.robot import Robot
-from jansen_env.scoring.metrics import MIN_DISTANCE, SETTLING
+from jansen_env.scoring.metrics import SETTLING
 from jansen_env.scoring.rollout import Advance, make_env, no_progress
 from jansen_env.tasks.walking.tuned import gains_of
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
-from jansen_workshop.commands import predict
+from jansen_workshop import walking_copies
 
 COPIES = 4  # number of copies that walk with and without play
 WALKED = 2.0  # approximate measured time, in s
@@ -48,7 +47,7 @@ def simulated_time(speed: float) -> float:
     Args:
         speed: Crank speed, in rad/s.
     """
-    return 2.0 * COPIES * (AGAIN + predict.measured_time(speed, WALKED))
+    return 2.0 * COPIES * (AGAIN + walking_copies.measured_time(speed, WALKED))
 
 
 def changes_by_play(
@@ -62,8 +61,11 @@ def changes_by_play(
         play: Radial clearance of every pin of the legs, in m.
         advance: Function that is called with the time, in s, that the copies have walked on the
             rigid-body backend since its last call.
+
+    Raises:
+        ValueError: If a copy stands still.
     """
-    robots, known, _ = predict.draw_copies(robot, predict.WITHIN, COPIES)
+    robots, known, _ = walking_copies.draw_copies(robot, walking_copies.WITHIN, COPIES)
     found: dict[str, Change] = {}
     for i, copy in enumerate(robots):
         arguments = {
@@ -78,20 +80,20 @@ def changes_by_play(
         )
         seen, _ = before.reset(seed=0, options={"crank_angle": float(known["start"][i])})
         seen, memory, _ = _walk(before, pid, seen, None, SETTLING)
-        for values, clearance in enumerate((0.0, play)):
+        for which, clearance in enumerate((0.0, play)):
             after = _made({**arguments, **BACKEND, "joint_play": clearance})
             after.reset(seed=0)
             after.set_state(before.get_state())
             begun, carried, _ = _walk(after, pid, seen, memory, AGAIN, advance)
             measured = _measured(after, pid, begun, carried, speed, advance)
             for name, value in measured.items():
-                found.setdefault(name, Change([], []))[values].append(float(value))
+                found.setdefault(name, Change([], []))[which].append(float(value))
     return found
 
 
 def _made(arguments: dict[str, Any]) -> JansenWalkerEnv:
     """Return the environment of a copy."""
-    return cast(JansenWalkerEnv, make_env(predict.ENV, arguments).unwrapped)
+    return cast(JansenWalkerEnv, make_env(walking_copies.ENV, arguments).unwrapped)
 
 
 def _walk(
@@ -108,7 +110,7 @@ def _walk(
     for _ in range(round(seconds / env.control_dt)):
         action, memory = pid.predict(seen[None], memory, np.array([memory is None]))
         seen, _, _, _, info = env.step(action[0])
-        rows.append(predict.recorded(info, seen[height]))
+        rows.append(walking_copies.recorded(info, seen[height]))
         advance(env.control_dt)
     return seen, memory, rows
 
@@ -123,14 +125,13 @@ def _measured(
 ) -> dict[str, Array]:
     """Return the quantities of a robot that goes on walking."""
     begun = float(env.task.world.x_position[0])
-    _, _, rows = _walk(env, pid, seen, memory, predict.measured_time(speed, WALKED), advance)
+    _, _, rows = _walk(env, pid, seen, memory, walking_copies.measured_time(speed, WALKED), advance)
     seconds = len(rows) * env.control_dt  # a whole number of control steps
     part = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     way = float(part["x_position"][-1]) - begun
-    if abs(way) <= MIN_DISTANCE:
-        way = math.copysign(MIN_DISTANCE, speed)
+    walking_copies.check_walks(np.array([way]), speed)
     weight = np.array(GRAVITY * env.robot.mass)
-    quantities = predict.walking_quantities(part, np.array(way), seconds, weight)
+    quantities = walking_copies.walking_quantities(part, np.array(way), seconds, weight)
     return {**quantities, "falls": part["fallen"][-1].astype(float)}
 
 
@@ -151,7 +152,7 @@ def table(changes: dict[str, Change], predicted: dict[str, Any]) -> str:
             differences.max(),
             predicted[name]["high"] - predicted[name]["low"],
         ]
-        unit = predict.UNITS[name]
+        unit = walking_copies.UNITS[name]
         rows.append([f"{name.replace('_', ' ')} ({unit})", *(f"{x:.3g}" for x in numbers)])
     heads = ("quantity", "without play", "change by play", "least", "most", "width of the band")
     return tabulate(rows, heads, "github", disable_numparse=True)

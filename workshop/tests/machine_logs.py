@@ -12,8 +12,9 @@ import numpy as np
 from jansen_env import ROBOTS, Terrain
 from jansen_env.plants.plant import RigidBodyPlant
 from jansen_env.policies.policy import PAPER_PID
+from jansen_env.robot.lengths import lengths
 from jansen_env.tasks.walking.tuned import gains_of
-from jansen_workshop.commands import predict
+from jansen_workshop import walking_copies
 
 CONTROL_DT = 0.02  # s
 COUNT = 2.0 * np.pi / 4096.0  # rad, of the encoder
@@ -47,7 +48,7 @@ def write_log(path, plant, speed, rng, start=0.0, comments=(), pid=PAPER_PID, to
         f"# crank_speed: {speed:g}",
         "time_s,crank_rad,torque_Nm,pitch_rad,x_m",
     ]
-    for k in range(1, round((predict.measured_time(speed) + 2.1) / CONTROL_DT)):
+    for k in range(1, round((walking_copies.measured_time(speed) + 2.1) / CONTROL_DT)):
         angle, rate = plant.state[[3, 7]].tolist()
         limit = motor.torque_limit
         commanded, integral = pid.torque(
@@ -71,15 +72,15 @@ def write_log(path, plant, speed, rng, start=0.0, comments=(), pid=PAPER_PID, to
 def drawn_machine(robot, within, rng):
     """A machine whose numbers and lengths are drawn within limits: it and its numbers."""
     numbers = {k: rng.uniform(*ends) for k, ends in within.items() if k != "lengths"}
-    sizes = [name for name in predict.lengths(robot) if name != "frame_angle"]
+    sizes = [name for name in lengths(robot) if name != "frame_angle"]
     errors = dict(zip(sizes, rng.uniform(*within["lengths"], len(sizes)).tolist(), strict=True))
-    return predict.copy_of(robot, numbers, errors), numbers
+    return walking_copies.copy_of(robot, numbers, errors), numbers
 
 
 if __name__ == "__main__":
     exact = {"mass": 1.0, "battery": 1.0}
     economy = ROBOTS["economy"]()
-    machine = predict.copy_of(economy, {**exact, **TRUTH}, {})
+    machine = walking_copies.copy_of(economy, {**exact, **TRUTH}, {})
     numbers = ", ".join(f"{name} {value:g}" for name, value in TRUTH.items())
     note = f"# synthetic: no machine, the rigid-body plant with noise and {numbers}"
     for speed in (1.0, 2.0):

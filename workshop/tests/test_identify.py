@@ -15,8 +15,8 @@ from jansen_env import ROBOTS, Terrain
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.sb3.run_config import load_config
 from jansen_env.tasks.walking.tuned import gains_of
-from jansen_workshop import estimation, likeness, machine_copies
-from jansen_workshop.commands import identify, measurements, predict
+from jansen_workshop import estimation, likeness, machine_copies, walking_copies
+from jansen_workshop.commands import identify, measurements
 from jansen_workshop.commands.measurements import published, read_log, table
 
 EXAMPLES = sorted(MEASUREMENTS.glob("synthetic_*.csv"))
@@ -309,7 +309,7 @@ def test_copies_that_fall_are_refused(logs, monkeypatch):
                for name in ("crank_angle", "crank_torque", "pitch", "x_position")}  # fmt: skip
         return {**run, "fallen": np.ones((600, len(robots)), bool)}, 0.02
 
-    monkeypatch.setattr(predict, "walk", falling)
+    monkeypatch.setattr(walking_copies, "walk", falling)
     with pytest.raises(ValueError, match=r"half of the 8 simulated copies .* got 8 that fell"):
         machine_copies.walk_copies(ECONOMY, logs, machine_copies.limits(ECONOMY), 8)
 

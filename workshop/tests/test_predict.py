@@ -10,7 +10,7 @@ import pytest
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.lengths import lengths
 from jansen_env.tasks.walking.tuned import gains_of
-from jansen_workshop import play_effect
+from jansen_workshop import play_effect, walking_copies
 from jansen_workshop.__main__ import main
 from jansen_workshop.commands import predict
 
@@ -20,11 +20,11 @@ NOMINAL = {"mass": 1.0, "bearings": 1.0, "feet": 1.0, "battery": 1.0}
 
 
 def test_copies_differ_in_what_is_not_known():
-    exact = predict.copy_of(ECONOMY, NOMINAL, dict.fromkeys(SIZES, 0.0))
+    exact = walking_copies.copy_of(ECONOMY, NOMINAL, dict.fromkeys(SIZES, 0.0))
     assert lengths(exact) == pytest.approx(lengths(ECONOMY))
     assert exact.mass == pytest.approx(ECONOMY.mass) and exact.motor == ECONOMY.motor
     other = {"mass": 1.03, "bearings": 0.5, "feet": 1.5, "battery": 0.9}
-    copy = predict.copy_of(ECONOMY, other, dict.fromkeys(SIZES, 3e-4))
+    copy = walking_copies.copy_of(ECONOMY, other, dict.fromkeys(SIZES, 3e-4))
     assert copy.motor.no_load_speed == pytest.approx(0.9 * ECONOMY.motor.no_load_speed)
     assert copy.bearing_friction == pytest.approx(tuple(0.5 * np.array(ECONOMY.bearing_friction)))
     assert copy.pad_compliance.stiffness == pytest.approx(1.5 * ECONOMY.pad_compliance.stiffness)
@@ -39,7 +39,7 @@ def test_the_witnessed_walk_is_within_its_band(tmp_path, capsys):
     predict.main(["economy", "--speeds", "2", "--copies", "24", "--out", str(out)])
     content = json.loads(out.read_text())
     quantities = content["crank_speed"]["2"]
-    assert quantities.keys() == predict.UNITS.keys()
+    assert quantities.keys() == walking_copies.UNITS.keys()
     speed, cost = quantities["speed"], quantities["cost_of_transport"]
     assert 0.19 < speed["low"] < 0.2024 < speed["high"] < 0.21
     assert 0.20 < cost["low"] < 0.2127 < cost["high"] < 0.23
@@ -55,7 +55,7 @@ def test_no_play_changes_nothing(monkeypatch):
     """Both walks of a copy begin in the same state, under the same controller."""
     monkeypatch.setattr(play_effect, "COPIES", 1)
     changes = play_effect.changes_by_play(ECONOMY, 4.0, 0.0)
-    assert changes.keys() < predict.UNITS.keys()
+    assert changes.keys() < walking_copies.UNITS.keys()
     for change in changes.values():
         assert change.with_play == change.without
     assert 0.35 < changes["speed"].without[0] < 0.45
@@ -86,8 +86,8 @@ def test_changes_are_listed_beside_the_predicted_band():
 def test_a_machine_that_is_its_mirror_image_climbs_backwards_as_well():
     known = {"friction": np.full(2, 0.8), "start": np.array([0.3, 1.8])}
     pid = gains_of(ECONOMY, "steady")
-    ahead, back = (predict.climb([ECONOMY] * 2, known, speed, pid) for speed in (2.0, -2.0))
-    assert 0.0 < ahead.max() < predict.STEPS[-1] and back == pytest.approx(ahead, abs=0.021)
+    ahead, back = (walking_copies.climb([ECONOMY] * 2, known, speed, pid) for speed in (2.0, -2.0))
+    assert 0.0 < ahead.max() < walking_copies.STEPS[-1] and back == pytest.approx(ahead, abs=0.021)
 
 
 def test_variance_is_shared_out():
@@ -113,7 +113,7 @@ def test_a_machine_that_stands_still_is_refused():
     stuck = replace(ECONOMY, motor=replace(ECONOMY.motor, friction=100.0))
     with pytest.raises(
         ValueError,
-        match=r"all 4 copies of the robot must walk, .*, got 4 that stand still at a crank speed",
+        match=r"every copy of the robot must walk, .*, got 4 of 4 that stand still at a crank",
     ):
         predict.predict(stuck, 2.0, 4)
 

@@ -145,7 +145,7 @@ function faultOfCount({ field, least, other }, values, start) {
   const allowed = other.split(".").reduce((part, name) => part[name], values).length;
   return (
     count !== allowed &&
-    `${start}${field} must have ${allowed} entries, as many as ${other}, got ${count}`
+    `${start}${field} must have ${allowed} entries, the same number as ${other}, got ${count}`
   );
 }
 
@@ -393,7 +393,10 @@ function compileIn(memory, leg) {
   const out = [body, tables, bearings, springs];
   const work = workSpace(memory, leg.links.length, pads, friction.length);
   const tail = memory.call("reduction_compile_tables", psi, x, places, ofLeg, constants, work, out);
-  if (tail === Number.POSITIVE_INFINITY) throw new Error(faultOfTurns(leg, x));
+  if (tail === Number.POSITIVE_INFINITY)
+    throw new Error(
+      "springs must be between two links that do not make whole turns relative to each other",
+    );
   if (!(tail <= TAIL_TOLERANCE)) throw new Error(faultOfTail(leg, tail));
   const walk = walkOf(leg);
   if (!walk.stands)
@@ -412,27 +415,6 @@ function compileIn(memory, leg) {
     springs: numbers[3],
   };
   return { ...compiled, ...walk, ...reach };
-}
-
-/** Return which torsion spring is between links that make whole turns, in one sentence. */
-function faultOfTurns({ robot }, x) {
-  const [samples, bodies] = x.shape;
-  const angleOf = (i, body) => x.view[3 * (bodies * (i % samples) + body)];
-  const turnsOf = (name) => {
-    const body = robot.linkage.bodies.findIndex(([each]) => each === name);
-    let turns = 0;
-    for (let i = 0; i < samples; i += 1)
-      turns -= Math.round((angleOf(i + 1, body) - angleOf(i, body)) / TURN);
-    return turns;
-  };
-  const k = robot.springs.findIndex(
-    ({ is, first, second }) => is === "TorsionSpring" && turnsOf(first) !== turnsOf(second),
-  );
-  const links = `'${robot.springs[k].first}' and '${robot.springs[k].second}'`;
-  return (
-    `springs[${k}] must be between two links that do not make whole turns relative to each other, ` +
-    `got ${links}`
-  );
 }
 
 /** Return why the tables of a leg have not converged, in one sentence. */

@@ -24,11 +24,18 @@ from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
 from jansen_env.scoring.metrics import SETTLING
 from jansen_env.world.settings import load_robot
-from jansen_workshop.commands import predict
 from jansen_workshop.commands.measurements import Log, compared, quantities, read_log, table
-from jansen_workshop.commands.predict import ENV, STOPPED, WITHIN
 from jansen_workshop.estimation import Estimate, check_explained, identify
 from jansen_workshop.machine_copies import NAMES, SETUP, Copies, limits, walk_copies
+from jansen_workshop.walking_copies import (
+    ENV,
+    MOST_COPIES,
+    SPAN,
+    STOPPED,
+    WITHIN,
+    copy_of,
+    measured_time,
+)
 
 FEWEST = 256  # smallest number of copies
 
@@ -49,7 +56,7 @@ def report(
     """
     rows = []
     for log, walk in zip(logs, copies.walks, strict=True):
-        bands = {k: np.percentile(v, predict.SPAN).tolist() for k, v in quantities(walk).items()}
+        bands = {k: np.percentile(v, SPAN).tolist() for k, v in quantities(walk).items()}
         rows += compared(f"{log.speed:g} rad/s", log, bands)
     distance, farthest = distances
     return (
@@ -108,7 +115,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     add(
         "--copies",
-        type=whole(FEWEST, predict.MOST_COPIES),
+        type=whole(FEWEST, MOST_COPIES),
         default=512,
         help="number of simulated copies; default: %(default)s",
     )
@@ -164,7 +171,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _identify_and_report(robot: Robot, logs: Sequence[Log], count: int) -> dict[str, Estimate]:
     """Let ``count`` copies repeat the walks of the logs, print the report, return the estimates."""
     within = limits(robot)
-    seconds = sum(SETTLING + predict.measured_time(log.speed) + STOPPED for log in logs)
+    seconds = sum(SETTLING + measured_time(log.speed) + STOPPED for log in logs)
     with progress(f"{count} copies walk", 2.0 * seconds) as advance:
         copies = walk_copies(robot, logs, within, count, advance)
         distances = check_explained(robot, logs, copies)
@@ -182,7 +189,7 @@ def _identified_robot(robot: Robot, estimates: dict[str, Estimate]) -> Robot:
         value = estimates[name].value
         if value is not None:
             numbers[name] = value
-    return predict.copy_of(robot, numbers, {})
+    return copy_of(robot, numbers, {})
 
 
 def _training_flags(robot: Robot, path: Path, ranges: dict[str, object]) -> list[str]:

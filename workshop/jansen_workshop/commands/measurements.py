@@ -24,9 +24,8 @@ from jansen_env.policies.policy import PAPER_PID
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.metrics import SETTLING
 from jansen_env.tasks.walking.tuned import gains_of
-from jansen_workshop.commands import predict
-from jansen_workshop.commands.predict import FASTEST, SLOWEST, measured_time
 from jansen_workshop.log_table import LogTable, at_line, read_table
+from jansen_workshop.walking_copies import FASTEST, SLOWEST, UNITS, measured_time
 
 COMMENTS = "crank_speed", "robot", "gains", "torque_constant", "mass"
 """Names of the comments that are evaluated; all other comments are remarks."""
@@ -297,7 +296,7 @@ def compared(name: str, log: Log, bands: Mapping[str, Sequence[float]]) -> list[
     for quantity, value in quantities(log.walk).items():
         low, high = bands[quantity]
         verdict = "within" if low <= value <= high else "below" if value < low else "above"
-        label = f"{quantity.replace('_', ' ')} ({predict.UNITS[quantity]})"
+        label = f"{quantity.replace('_', ' ')} ({UNITS[quantity]})"
         rows.append([name, label, f"{value:.3g}", f"{low:.3g}", f"{high:.3g}", verdict])
     return rows
 

@@ -81,6 +81,15 @@ def test_pages_show_the_data(name: str) -> None:
             assert table in text, page
 
 
+def test_return_and_success_are_those_of_the_result_files() -> None:
+    """A new result file on these tracks changes the comparison."""
+    experiment = import_module("return_and_success")
+    files = sorted(experiment.RESULTS.glob("*.json"))
+    found = {track: experiment.compare(track, files) for track in experiment.NAMES}
+    data = (ROOT / "docs" / experiment.DATA).read_text(encoding="utf-8")
+    assert json.loads(data) == json.loads(json.dumps(found))
+
+
 def test_the_page_about_legs_shows_its_data() -> None:
     results = json.loads((ROOT / "docs" / "legs" / "legs.json").read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "legs.md").read_text(encoding="utf-8")

@@ -15,6 +15,7 @@ from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.scoring.rollout import run_episodes
 from jansen_env.tasks.walking import profile, tuned
 from jansen_env.tasks.walking.walker_benchmark import BASELINES
+from jansen_workshop import walking_copies
 from jansen_workshop.commands import predict
 
 ENV = "JansenWalker-v0"
@@ -111,8 +112,8 @@ def short(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(predict, "STEPS", (0.02,))
-    monkeypatch.setattr(predict, "FAR", 0.2)
-    monkeypatch.setattr(predict, "WALKED", 3.0)
+    monkeypatch.setattr(walking_copies, "STEPS", (0.02,))
+    monkeypatch.setattr(walking_copies, "FAR", 0.2)
 
 
 @pytest.mark.slow

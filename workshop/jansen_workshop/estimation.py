@@ -14,9 +14,9 @@ import numpy as np
 
 from jansen_env.arrays import Array
 from jansen_env.robot import Robot
-from jansen_workshop.commands.measurements import Log, MeasuredWalk
 from jansen_workshop.likeness import Surface, cures
 from jansen_workshop.machine_copies import FROM_ZERO, NAMES, SETUP, Copies, limits
+from jansen_workshop.measured_walks import Log, MeasuredWalk
 
 INTERVAL = 2.5, 97.5  # percentiles of the errors
 # A parameter is not identifiable if its interval is wider than this fraction of the sampled range.

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from jansen_env.arrays import Array
 from jansen_env.robot import Robot
-from jansen_workshop.commands.measurements import CONTROL_DT, Log, MeasuredWalk
+from jansen_workshop.measured_walks import CONTROL_DT, Log, MeasuredWalk
 
 LEFT_OUT = 8  # the fit leaves out one copy in this many
 RIDGE = 0.03  # regularisation, added to variances of 1

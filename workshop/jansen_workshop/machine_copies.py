@@ -18,7 +18,7 @@ from jansen_env.scoring.metrics import SETTLING
 from jansen_env.scoring.rollout import Advance, no_progress
 from jansen_env.terrain.ground import Terrain
 from jansen_workshop import walking_copies
-from jansen_workshop.commands.measurements import Log, MeasuredWalk
+from jansen_workshop.measured_walks import Log, MeasuredWalk
 from jansen_workshop.walking_copies import WITHIN
 
 Limits: TypeAlias = dict[str, tuple[float, float]]

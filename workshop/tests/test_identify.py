@@ -16,8 +16,9 @@ from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.sb3.run_config import load_config
 from jansen_env.tasks.walking.tuned import gains_of
 from jansen_workshop import estimation, likeness, machine_copies, walking_copies
-from jansen_workshop.commands import identify, measurements
-from jansen_workshop.commands.measurements import published, read_log, table
+from jansen_workshop.commands import identify
+from jansen_workshop.commands.measurements import published
+from jansen_workshop.measured_walks import MeasuredWalk, read_log, table
 
 EXAMPLES = sorted(MEASUREMENTS.glob("synthetic_*.csv"))
 FAST = EXAMPLES[-1]
@@ -176,7 +177,7 @@ def low_passed(walk, constant):
 
 def late_pitch(walk, steps):
     """The walk with pitch that comes some steps of 20 ms late."""
-    cut = measurements.MeasuredWalk(*(series[steps:] for series in walk))
+    cut = MeasuredWalk(*(series[steps:] for series in walk))
     return cut._replace(pitch=walk.pitch[:-steps])
 
 

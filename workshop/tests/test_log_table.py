@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from machine_logs import MEASUREMENTS
 
-from jansen_workshop.commands.measurements import quantities, read_log
+from jansen_workshop.measured_walks import quantities, read_log
 
 FAST = MEASUREMENTS / "synthetic_economy_2.csv"
 LINES = FAST.read_text(encoding="utf-8").splitlines()

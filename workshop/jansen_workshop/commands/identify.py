@@ -24,9 +24,9 @@ from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
 from jansen_env.scoring.metrics import SETTLING
 from jansen_env.world.settings import load_robot
-from jansen_workshop.commands.measurements import Log, compared, quantities, read_log, table
 from jansen_workshop.estimation import Estimate, check_explained, identify
 from jansen_workshop.machine_copies import NAMES, SETUP, Copies, limits, walk_copies
+from jansen_workshop.measured_walks import Log, compared, quantities, read_log, table
 from jansen_workshop.walking_copies import (
     ENV,
     MOST_COPIES,

@@ -178,7 +178,7 @@ def group_row(group: str, scores: pd.DataFrame, returns: pd.DataFrame) -> dict[s
         "group": group,
         "runs": len(values),
         "steps": f"{steps:,.0f}".replace("nan", ""),
-        "core s": f"{seconds:.0f}".replace("nan", ""),
+        "processor time (s)": f"{seconds:.0f}".replace("nan", ""),
         "IQM": interval_text(interquartile_mean(*strata)),
         "mean return": f"{values.mean():.3g}",
         "worst run": f"{values.min():.3g} (seed {values.idxmin():.0f})",

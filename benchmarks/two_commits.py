@@ -121,7 +121,7 @@ def main(arguments: list[str] | None = None) -> None:
         old = min(pair[0][name] for pair in rounds)
         new = min(pair[1][name] for pair in rounds)
         rows.append([name, f"{old:.1f}", f"{new:.1f}", f"{old / new:.2f}"])
-    head = ["", f"{args.commit} (us)", "this checkout (us)", "times as fast"]
+    head = ["", f"{args.commit} (µs)", "this checkout (µs)", "times as fast"]
     text = tabulate(rows, head, "github", disable_numparse=True)
     write_text(args.out / "two_commits.md", f"{text}\n")
     print(text)

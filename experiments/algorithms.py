@@ -10,8 +10,10 @@ with five trials on JansenWalkerBuilt-v0. A trial draws its hyperparameters from
 :func:`drawn`, trains for about half of the budget on one of the seeds 100 to 102, and scores its
 last model by the mean return over the commands of the environment, in episodes that are not test
 episodes. All algorithms have the same observations, reward and wrappers, and networks have the same
-features of the observations. ARS has its linear policy, which knows no features. The comparison on
-rough terrain takes the hyperparameters that were tuned on flat ground.
+features of the observations. ARS has its linear policy, which knows no features. The comparisons on
+rough terrain take the hyperparameters that were tuned on flat ground. In the comparison
+``default_flat``, PPO and SAC have the hyperparameters that Stable-Baselines3 uses if none are
+given, a single robot, and no features.
 
 Each configuration trains on the seeds 1, 2 and so on, and the benchmark scores the last model of
 each run. The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
@@ -21,6 +23,7 @@ the runs are left out, so that the experiment can be interrupted.
 """
 
 import argparse
+import inspect
 import itertools
 import os
 import time
@@ -41,6 +44,7 @@ from agents.training.runs import FINAL, record_run
 from agents.training.train_model import prepare, train
 from jansen_env.cli.named_policies import load_named, policy_sha256
 from jansen_env.files import write_text
+from jansen_env.sb3.run_config import ALGORITHMS as CLASSES
 from jansen_env.sb3.run_config import RunConfig, load_config
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.protocol import METRICS, TRACKS, metric_value, run_track
@@ -73,6 +77,9 @@ SCORES = [
 PAIRS = ["track and budget", "first", "second", "probability that the first is better", "p"]
 
 
+DEFAULT = "default"  # name of the budget with the hyperparameters of the library
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Runs of several algorithms with the same budget on the same track.
@@ -84,8 +91,8 @@ class Comparison:
         algorithms: Names of the algorithms.
         steps: Number of environment steps of a run. None if the budget is a processor time.
         seconds: Processor time of a run without a number of steps, in s.
-        tuned: Whether the hyperparameters are found with trials, rather than taken from the
-            comparison with the same budget on flat ground.
+        tuned: Whether the hyperparameters are found with trials. Otherwise, they are those of the
+            comparison with the same budget on flat ground, or the defaults of the library.
     """
 
     budget: str
@@ -104,13 +111,16 @@ class Comparison:
     @property
     def amount(self) -> str:
         """Budget of a run, in words."""
-        return f"{self.seconds:.0f} s" if self.steps is None else f"{self.steps:,} steps"
+        budget = f"{self.seconds:.0f} s" if self.steps is None else f"{self.steps:,} steps"
+        return f"library defaults, {budget}" if self.budget == DEFAULT else budget
 
 
 COMPARISONS = (
     Comparison("90s", "flat", 10, tuned=True),
     Comparison("200k", "flat", 5, ("ppo", "sac", "ars"), steps=200_000, tuned=True),
+    Comparison(DEFAULT, "flat", 5, ("ppo", "sac")),
     Comparison("90s", "terrain", 5, ("ppo", "sac")),
+    Comparison("90s", "robust", 5, ("ppo", "sac")),
 )
 
 
@@ -181,21 +191,27 @@ def drawn(algo: str, trial: int, few_steps: bool) -> RunConfig:
     return RunConfig(**common, hyperparameters=hyperparameters, policy_kwargs=features)
 
 
+def hyperparameter(config: RunConfig, name: str) -> Any:
+    """Return a hyperparameter; the default of the library if the configuration has no value."""
+    parameters = inspect.signature(CLASSES[config.algo]).parameters
+    return config.hyperparameters.get(name, parameters[name].default)
+
+
 def rollout(config: RunConfig) -> int:
     """Return the number of steps between two updates of the networks."""
-    hyperparameters = config.hyperparameters
     if config.algo == "ars":
         # Two candidates for each direction, each with an episode of every robot.
-        return 2 * hyperparameters["n_delta"] * config.n_envs * 500
+        return 2 * hyperparameter(config, "n_delta") * config.n_envs * 500
     if config.algo == "ppo":
-        return config.n_envs * hyperparameters["n_steps"]
+        return config.n_envs * hyperparameter(config, "n_steps")
     return config.n_envs
 
 
 def with_budget(config: RunConfig, seconds: float) -> RunConfig:
     """Return a configuration whose number of steps takes a given time.
 
-    The configuration is trained twice, for a short time, and its cost extrapolated.
+    The configuration is trained twice, for a short time, and its cost extrapolated. Before this, it
+    is trained once without a measurement, because the first updates of a process take longer.
 
     Args:
         config: The configuration.
@@ -203,12 +219,13 @@ def with_budget(config: RunConfig, seconds: float) -> RunConfig:
     """
     if config.algo in ("sac", "tqc"):
         # Updates begin after these steps, which cost less.
-        start = config.hyperparameters["learning_starts"]
+        start = hyperparameter(config, "learning_starts")
         short = start + 25 * config.n_envs
         longer = start + 250 * config.n_envs
     else:
         short = rollout(config)
         longer = (3 if config.algo == "ppo" else 2) * short
+    learn(config, short)
     first, _ = learn(config, short)
     second, _ = learn(config, longer)
     steps = longer + (seconds - second) * (longer - short) / (second - first)
@@ -282,7 +299,9 @@ def best_config(algo: str, comparison: Comparison, trials: list[dict[str, Any]])
 
 
 def untuned_config(algo: str, comparison: Comparison, logs: Path, chosen: Path) -> RunConfig:
-    """Return a configuration that was tuned on flat ground, with the number of steps of a run.
+    """Return a configuration without trials of its own, with the number of steps of a run.
+
+    It has the hyperparameters that were tuned on flat ground, or those of the library.
 
     Args:
         algo: Name of the algorithm.
@@ -295,7 +314,10 @@ def untuned_config(algo: str, comparison: Comparison, logs: Path, chosen: Path) 
     if file.exists():
         return load_config(file)
     track = TRACKS[comparison.track]
-    config = load_config(chosen / f"{algo}_{comparison.budget}_flat.yml")
+    if comparison.budget == DEFAULT:
+        config = RunConfig(algo=algo, n_envs=1)
+    else:
+        config = load_config(chosen / f"{algo}_{comparison.budget}_flat.yml")
     config = replace(config, env=track.env_id, env_kwargs=dict(track.env_kwargs))
     config = with_budget(config, comparison.seconds)
     write_text(file, yaml.safe_dump(asdict(config)))
@@ -353,12 +375,11 @@ def train_and_score(
 
 def updates(config: RunConfig) -> float:
     """Return the number of updates of the networks, or of ARS's policy, per 1,000 steps."""
-    hyperparameters = config.hyperparameters
     if config.algo == "ars":
         return 1000.0 / rollout(config)
     if config.algo == "ppo":
-        return 1000.0 * hyperparameters["n_epochs"] / hyperparameters["batch_size"]
-    return 1000.0 * hyperparameters["gradient_steps"] / config.n_envs
+        return 1000.0 * hyperparameter(config, "n_epochs") / hyperparameter(config, "batch_size")
+    return 1000.0 * hyperparameter(config, "gradient_steps") / config.n_envs
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:

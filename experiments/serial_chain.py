@@ -1,8 +1,8 @@
 """Does a policy that was trained on a serial-chain model of the legs walk on the closed linkage?
 
-Run the experiment as follows. It takes about a quarter of an hour on one core.
+Run the experiment as follows. It takes about half an hour on one core.
 
-    python experiments/serial_chain.py --policies 5 [--seeds 10] [--quick]
+    python experiments/serial_chain.py --policies 10 [--seeds 10] [--quick]
 
 Controllers that were made for the closed linkage of the robot ``built`` are tested on simplified
 models of this linkage. For each seed, CMA-ES searches for a crank-speed profile on the closed

@@ -261,8 +261,8 @@ def test_instructions_put_every_part_on_with_its_number_and_mass(name):
     order = Order(robot, placed)
     manual = Manual(order, cut_parts(robot), coupon(4.0))
     steps, kinds = manual.steps(), {stack.joint for stack in manual.stacks if not stack.axle}
-    # Holes, feet, ties, frames, phases, motor, wiring, power; and the assembled view.
-    assert len(steps) == 9 + len(kinds)
+    # Cut parts, feet, ties, frames, phases, motor, boards, wiring, power; and the assembled view.
+    assert len(steps) == 10 + len(kinds)
     masses = [step.mass.nominal for step in steps if step.mass]
     assert masses[-1] == pytest.approx(order.mass)
     whole = masses[1:]  # without the flat parts alone

@@ -24,6 +24,7 @@ from jansen_workshop.drawings.outlines import FITS, CutPart
 from jansen_workshop.drawings.part_pictures import (
     ANGLE,
     Picture,
+    Wire,
     draw_column,
     draw_exploded,
     draw_flat,
@@ -124,16 +125,17 @@ class Manual:
         return Step(title, text, pictures, page.get("weighed", ""), mass)
 
     def _applicable(self, line: str) -> str | None:
-        """Return a line without its condition; None if the machine does not meet the condition.
+        """Return a line without its conditions; None if the machine does not meet one of them.
 
-        The condition is the name of a part that the machine has, or, after an exclamation mark,
+        A condition is the name of a part that the machine has, or, after an exclamation mark,
         does not have.
         """
-        condition, mark, text = line.partition("? ")
-        if not mark:
-            return line
-        has_part = condition.lstrip("!") in {part.name for part in self.order.parts}
-        return None if has_part == condition.startswith("!") else text
+        names = {part.name for part in self.order.parts}
+        *conditions, text = line.split("? ")
+        for condition in conditions:
+            if (condition.lstrip("!") in names) == condition.startswith("!"):
+                return None
+        return text
 
     def _listed(self, name: str, pieces: Sequence[AssemblyPiece]) -> list[str]:
         """Return a line for each size of the pieces called ``name``, with count and number."""
@@ -191,7 +193,7 @@ class Manual:
 
         many = f"{number * len(legs)} of them"
         if len(legs) > 1:
-            many += "; fore and back legs are the same, turned about the vertical"
+            many += ": fore and back legs are identical, turned by half a turn about the vertical"
         steps = [
             self._page(
                 "foot",
@@ -292,7 +294,6 @@ class Manual:
         numbers = self.order.numbers
         fields = {
             "heights": "\n".join(self._pin_heights()),
-            "screws": self.robot.build.screw,
             "near": mount.screws[0],
             "far": mount.screws[1],
             **self._brace_fields(),
@@ -303,7 +304,11 @@ class Manual:
             "frames": axles,
             "phases": [partial(draw_phases, self.turns)],
             "motor": [partial(draw_section, self.assembly, numbers)],
-            "wiring": [partial(draw_wiring, self._pages["wires"])],
+            "mounting": [
+                partial(draw_side_view, self.assembly, numbers),
+                partial(draw_top_view, self.assembly, numbers),
+            ],
+            "wiring": [partial(draw_wiring, self._wires())],
             "power": [self._first_unit_picture()],
         }
         frames = [
@@ -322,13 +327,23 @@ class Manual:
         radius = 1e3 * self.robot.bodies[CRANK - 1].distance(0, 1)
         lines = []
         for k, turn in enumerate(self.turns, 1):
-            up = radius * math.sin(turn)
-            right = radius * math.cos(turn)
+            up = round(radius * math.sin(turn), 1)
+            right = round(radius * math.cos(turn), 1)
             lines.append(
-                f"Pin {k}: {math.degrees(turn):.0f} degrees; {up:+.1f} mm above the "
-                f"shaft, {right:+.1f} mm to the right"
+                f"Crank pin {k}: {math.degrees(turn):.0f} degrees; "
+                f"{abs(up):.1f} mm {'below' if up < 0.0 else 'above'} and "
+                f"{abs(right):.1f} mm {'left' if right < 0.0 else 'right'} of the shaft"
             )
         return lines
+
+    def _wires(self) -> list[Wire]:
+        """Return the wires of the machine."""
+        wires = []
+        for kind, start, x, y, end, u, v, label in self._pages["wires"]:
+            name = self._applicable(start)
+            if name is not None:
+                wires.append(Wire(kind, name, complex(x, y), end, complex(u, v), label))
+        return wires
 
     def _brace_fields(self) -> dict[str, object]:
         """Return fields of the brace: angle between frames in degrees, distance of pivots in mm."""

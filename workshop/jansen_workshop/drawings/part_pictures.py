@@ -9,7 +9,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,11 @@ TILT = (0.6 - 0.12j, 1j, 0.9 + 0.25j)  # directions of x, y and z in exploded vi
 HALF_CIRCLE = np.exp(1j * np.linspace(-0.5 * math.pi, 0.5 * math.pi, 30))
 HOLE_COLORS = {"press": "#d62728", "slide": "#1f77b4", "clear": "#7f7f7f"}
 PALE = "0.88"  # colour of parts that are not new
+WIRES: dict[str, dict[str, Any]] = {
+    "power": {"color": "#b22222", "lw": 3.0},
+    "signal": {"color": "black", "lw": 1.2},
+}
+"""Style of the lines of each kind of wire."""
 
 
 def draw_flat(parts: Sequence[CutPart], axes: Axes) -> None:
@@ -201,20 +206,42 @@ def draw_phases(turns: Sequence[float], axes: Axes) -> None:
     hide_frame(axes)
 
 
-def draw_wiring(
-    wires: Sequence[tuple[str, float, float, str, float, float, str]], axes: Axes
-) -> None:
+class Wire(NamedTuple):
+    """Connection of two electrical components.
+
+    Attributes:
+        kind: ``"power"`` or ``"signal"``.
+        start: Name of the component at the first end.
+        start_place: Position of this component in the picture.
+        end: Name of the component at the other end.
+        end_place: Position of this component in the picture.
+        label: Text on the wire; may be empty.
+    """
+
+    kind: str
+    start: str
+    start_place: complex
+    end: str
+    end_place: complex
+    label: str
+
+
+def draw_wiring(wires: Sequence[Wire], axes: Axes) -> None:
     """Draw the electrical components as boxes, with labelled wires.
 
     Args:
-        wires: For each wire, name and position of the component at either end, and the label.
+        wires: Wires to draw.
         axes: Axes to draw on.
     """
-    for name, x, y, other, u, v, label in wires:
-        axes.plot((x, u), (y, v), "k", lw=1.5)
-        write_in_box(axes, complex(x + u, y + v) / 2, label)
-        for z, text in ((complex(x, y), name), (complex(u, v), other)):
-            write_in_box(axes, z, text.replace(" ", "\n", 1), 10.0, "#dce9f7")
+    for wire in wires:
+        ends = np.array([wire.start_place, wire.end_place])
+        axes.plot(ends.real, ends.imag, **WIRES[wire.kind], zorder=1)
+        write_in_box(axes, complex(ends.mean()), wire.label, 9.0)
+        for z, text in zip(ends.tolist(), (wire.start, wire.end), strict=True):
+            write_in_box(axes, z, text.replace(" ", "\n", 1), 11.0, "#dce9f7")
+    for kind, style in WIRES.items():
+        axes.plot([], [], **style, label=kind)
+    axes.legend(loc="upper center", ncols=len(WIRES), frameon=False, fontsize=10)
     axes.set(xlim=(-0.8, 6.8), ylim=(-0.8, 3.8))
     axes.axis("off")
 
@@ -272,5 +299,5 @@ def wrapped(text: str, width: int) -> list[str]:
         text: Text to wrap.
         width: Most characters per line.
     """
-    bound = re.sub(r" (?=(?:k?g|mm|\d+$)\b|x )|(?<= x) ", "\u00a0", text)
-    return textwrap.wrap(bound, width, subsequent_indent="  ")
+    bound = re.sub(r" (?=(?:k?g|mm|V|A|k?ohm|rad/s|EUR|°C|\d+$)\b|x |%|°)|(?<= x) ", "\u00a0", text)
+    return textwrap.wrap(bound, width, subsequent_indent="  ", break_on_hyphens=False)

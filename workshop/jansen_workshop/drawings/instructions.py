@@ -34,6 +34,7 @@ from jansen_workshop.drawings.part_pictures import (
 )
 from jansen_workshop.drawings.shaft_order import Placed
 from jansen_workshop.drawings.solid_pictures import (
+    draw_foot,
     draw_section,
     draw_side_view,
     draw_ties,
@@ -105,7 +106,7 @@ class Manual:
 
         Args:
             name: Name of the page.
-            pictures: Functions that draw the pictures, which are placed side by side.
+            pictures: Functions that draw the pictures.
             weighed: Pieces whose total mass is shown in the page's box.
             put_on: Pieces that are added on the page, which the page may list.
             **fields: Values for the names in braces.
@@ -122,7 +123,8 @@ class Manual:
                 text.append(said)
         title = page["title"].format(**fields)
         mass = self.order.weigh(weighed) if weighed else None
-        return Step(title, text, pictures, page.get("weighed", ""), mass)
+        stacked = page.get("stacked", False)
+        return Step(title, text, pictures, page.get("weighed", ""), mass, stacked)
 
     def _applicable(self, line: str) -> str | None:
         """Return a line without its conditions; None if the machine does not meet one of them.
@@ -197,7 +199,10 @@ class Manual:
         steps = [
             self._page(
                 "foot",
-                [partial(draw_exploded, self.robot, links)],
+                [
+                    partial(draw_exploded, self.robot, links),
+                    partial(draw_foot, self.assembly, self.order.numbers),
+                ],
                 _built(pieces, leg, joined, done),
                 [piece for piece in pieces if piece.leg == leg and piece.stage == "foot"],
                 which=which,
@@ -305,8 +310,8 @@ class Manual:
             "phases": [partial(draw_phases, self.turns)],
             "motor": [partial(draw_section, self.assembly, numbers)],
             "mounting": [
-                partial(draw_side_view, self.assembly, numbers),
-                partial(draw_top_view, self.assembly, numbers),
+                partial(draw_side_view, self.assembly, numbers, "mounting"),
+                partial(draw_top_view, self.assembly, numbers, "mounting"),
             ],
             "wiring": [partial(draw_wiring, self._wires())],
             "power": [self._first_unit_picture()],
@@ -363,8 +368,8 @@ class Manual:
         """Return the page that shows the assembled machine."""
         numbers = self.order.numbers
         pictures = [
-            partial(draw_side_view, self.assembly, numbers),
-            partial(draw_top_view, self.assembly, numbers),
+            partial(draw_side_view, self.assembly, numbers, ""),
+            partial(draw_top_view, self.assembly, numbers, ""),
         ]
         return self._page("assembled", pictures, turned=math.degrees(ANGLE))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = (11.69, 8.27)  # size of an A4 page, in inches
-LINES = 50  # rows of a list per page
+LINES = 40  # most parts in the list of a page
 COLUMN = 48  # characters per line of a page's text
 
 
@@ -22,9 +24,10 @@ class Step(NamedTuple):
     Attributes:
         title: Title of the page.
         text: Instructions, one per line.
-        pictures: Functions that draw the pictures, which are placed side by side.
+        pictures: Functions that draw the pictures.
         weighed: Name of the assembly to weigh.
         mass: Mass of this assembly; None if nothing is weighed.
+        stacked: Whether the pictures are placed one below the other rather than side by side.
     """
 
     title: str
@@ -32,6 +35,7 @@ class Step(NamedTuple):
     pictures: Sequence[Picture] = ()
     weighed: str = ""
     mass: Mass | None = None
+    stacked: bool = False
 
 
 def bill_figures(order: Order) -> list[Figure]:
@@ -40,18 +44,21 @@ def bill_figures(order: Order) -> list[Figure]:
     Args:
         order: Bill of materials.
     """
-    rows = _bill_rows(order)
+    header, *rows = _bill_rows(order)
+    pages = math.ceil(len(rows) / LINES)
+    length = math.ceil(len(rows) / pages)
+    size = min(9.0, 760.0 / (0.602 * len(header)))  # points; a letter is 0.602 wide
     figures = []
-    for start in range(0, len(rows), LINES):
-        figure = page_figure(Step("Parts and fasteners", []))
+    for start in range(0, len(rows), length):
+        figure = page_figure(Step("List of parts", []))
         figure.text(
             0.04,
-            0.9,
-            "\n".join(rows[start : start + LINES]),
-            fontsize=7.5,
+            0.89,
+            "\n".join([header, *rows[start : start + length]]),
+            fontsize=size,
             family="monospace",
             va="top",
-            linespacing=1.35,
+            linespacing=1.45,
         )
         figures.append(figure)
     return figures
@@ -59,24 +66,40 @@ def bill_figures(order: Order) -> list[Figure]:
 
 def _bill_rows(order: Order) -> list[str]:
     """Return the bill of materials as lines of a table in a font of constant width."""
-    rows = [f"{'no.':>3}  {'name':29}{'material':46}{'size':54}{'count':>5}{'each g':>8}{'EUR':>8}"]
+    cells = [("no.", "name", "material", "size", "count", "g each", "EUR in all")]
     for k, part in enumerate(order.parts, 1):
-        each = f"{1e3 * part.each:.1f}" if part.each else ""
+        grams = 1e3 * part.each
+        each = f"{grams:.{1 if grams >= 0.1 else 2}f}" if part.each else ""
         price = f"{part.number * part.price:.2f}" if part.price else ""
-        rows.append(
-            f"{k:3}  {part.name:29.28}{part.material:46.45}{part.dimensions:54.53}"
-            f"{part.number:5}{each:>8}{price:>8}"
+        cells.append(
+            (str(k), part.name, part.material, part.dimensions, str(part.number), each, price)
         )
-    rows.append(f"{'':5}{'all':134}{1e3 * order.mass:8.1f}{order.price:8.2f}")
-    rows.append("     Prices are assumptions, for orientation: nobody has asked a shop.")
-    return rows
+    cells.append(("", "total", "", "", "", f"{1e3 * order.mass:.1f}", f"{order.price:.2f}"))
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    rows = [
+        "  ".join(
+            text.ljust(width) if column in (1, 2, 3) else text.rjust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in cells
+    ]
+    return [*rows, "     The prices are assumptions: nobody has asked a shop."]
 
 
 def _grams(mass: Mass) -> str:
     """Return a text with a mass and its acceptable range, in g."""
     digits = int(mass.nominal < 0.1)
     nominal, least, most = (f"{1e3 * kilograms:.{digits}f}" for kilograms in mass)
-    return f"{nominal} g ({least} to {most})"
+    return f"{nominal} g ({least} to {most} g)"
+
+
+def _text_lines(text: str) -> list[str]:
+    """Return the lines of one instruction: a part to take, a box to tick, or a sentence."""
+    if text.startswith("["):
+        return wrapped(text, COLUMN)
+    if re.match(r"\d+ x no", text):
+        return [f"     {line}" for line in wrapped(text, COLUMN - 5)]
+    return wrapped(f"- {text}", COLUMN)
 
 
 def page_figure(step: Step) -> Figure:
@@ -89,16 +112,20 @@ def page_figure(step: Step) -> Figure:
 
     figure = Figure(figsize=PAGE)
     figure.text(0.04, 0.94, step.title, fontsize=18, fontweight="bold")
-    lines = []
-    for line in step.text:
-        lines += wrapped(line if line[:1] == "[" else f"- {line}", COLUMN)
+    lines = [line for text in step.text for line in _text_lines(text)]
     size = min(9.5, 9.5 * (31.0 if step.mass else 36.0) / max(len(lines), 1))
     figure.text(0.68, 0.88, "\n".join(lines), fontsize=size, va="top", linespacing=1.45)
     if step.mass:
-        check = "\n".join(wrapped(f"{step.weighed}: {_grams(step.mass)}", LABEL))
+        check = "\n".join([*wrapped(f"{step.weighed}:", LABEL), _grams(step.mass)])
         box = {"boxstyle": "round,pad=0.5", "fc": "#fff3c4"}
         figure.text(0.68, 0.05, check, fontsize=11, va="bottom", fontweight="bold", bbox=box)
-    width = 0.64 / max(len(step.pictures), 1)
+    many = max(len(step.pictures), 1)
     for k, draw in enumerate(step.pictures):
-        draw(figure.add_axes((0.03 + k * width, 0.05, 0.95 * width, 0.81)))
+        if step.stacked:
+            height = 0.84 / many
+            box = (0.03, 0.05 + (many - 1 - k) * height, 0.61, 0.88 * height)
+        else:
+            width = 0.64 / many
+            box = (0.03 + k * width, 0.05, 0.95 * width, 0.81)
+        draw(figure.add_axes(box))
     return figure

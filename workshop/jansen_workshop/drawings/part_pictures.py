@@ -27,6 +27,8 @@ Picture = Callable[["Axes"], object]
 """Function that draws a picture."""
 ANGLE = 1.0  # crank angle in pictures, in rad
 LABEL = 36  # characters per line of a label
+LETTERS = 8.5  # size of the font in pictures, in points
+SMALLEST = 6.5  # smallest size of this font
 TILT = (0.6 - 0.12j, 1j, 0.9 + 0.25j)  # directions of x, y and z in exploded views
 HALF_CIRCLE = np.exp(1j * np.linspace(-0.5 * math.pi, 0.5 * math.pi, 30))
 HOLE_COLORS = {"press": "#d62728", "slide": "#1f77b4", "clear": "#7f7f7f"}
@@ -47,16 +49,24 @@ def draw_flat(parts: Sequence[CutPart], axes: Axes) -> None:
         parts: Parts to draw.
         axes: Axes to draw on.
     """
-    width = max(part.outline.box[1].real for part in parts)
+    boxes = [part.outline.box for part in parts]
+    width = max(high.real for _, high in boxes) - min(low.real for low, _ in boxes)
+    height = max(high.imag for _, high in boxes) - min(low.imag for low, _ in boxes)
+    scale = points_per_mm(axes, width, height)
     for part in parts:
         fill(axes, [np.array(shape.polygon) for shape in (part.outline, *part.windows)], "0.9")
         for hole in part.holes:
             visible = hole._replace(radius=max(hole.radius, width / 150.0))
             fill(axes, [np.array(visible.polygon)], HOLE_COLORS[hole.fit])
         for text, start, end in ((part.title, *part.text), *part.labels):
+            room = 1.4 * scale * abs(end - start) / len(text)
+            if room < SMALLEST:  # beside the part
+                low, high = part.outline.box
+                x, y = high.real + 2.0 / scale, 0.5 * (low.imag + high.imag)
+                axes.text(x, y, text, va="center", fontsize=LETTERS)
+                continue
             middle = (start + end) / 2.0
             turn = math.degrees(np.angle(end - start))
-            room = 750.0 * abs(end - start) / width / len(text)
             axes.text(
                 middle.real,
                 middle.imag,
@@ -64,7 +74,7 @@ def draw_flat(parts: Sequence[CutPart], axes: Axes) -> None:
                 ha="center",
                 va="center",
                 zorder=5,
-                fontsize=min(8.0, room),
+                fontsize=min(LETTERS, room),
                 rotation=(turn + 90.0) % 180.0 - 90.0,
             )
     hide_frame(axes)
@@ -77,6 +87,8 @@ def draw_links(
     robot: Robot, items: Sequence[Placed], fresh: set[int], joint: str, axes: Axes
 ) -> None:
     """Draw parts as seen from the side, with new parts in colour.
+
+    If the parts belong to several legs, the number of each leg stands below its foot.
 
     Args:
         robot: Robot that the parts belong to.
@@ -91,6 +103,15 @@ def draw_links(
         rims = _rims(robot, item)
         for toe in feet_of(robot, item.body):
             fill(axes, [_tread(robot, item, toe)], "black")
+            if len({other.leg for other in items}) > 1:
+                axes.annotate(
+                    f"leg {item.leg + 1}",
+                    (at[toe].real, at[toe].imag - 1e3 * robot.build.foot_radius),
+                    (0, -14),
+                    textcoords="offset points",
+                    ha="center",
+                    fontweight="bold",
+                )
         fill(axes, rims, f"C{item.body - 1}" if new else PALE)
         middle = complex(rims[0].mean())
         if joint in at:
@@ -197,12 +218,18 @@ def draw_phases(turns: Sequence[float], axes: Axes) -> None:
         turns: Angle of each crank pin, in rad.
         axes: Axes to draw on.
     """
-    for k, turn in enumerate(turns, 1):
-        z = np.exp(1j * turn)
-        axes.plot((0.0, z.real), (0.0, z.imag), "o-", lw=14, color=f"C{k}")
-        write_in_box(axes, 0.6 * z, f"pin {k}: {math.degrees(turn):.0f} deg")
     right = HALF_CIRCLE
     axes.plot(right.real, right.imag, "k:", -right.real, -right.imag, "k:")
+    for k, turn in enumerate(turns, 1):
+        z = np.exp(1j * turn)
+        axes.plot((0.0, z.real), (0.0, z.imag), lw=20, color=f"C{k}", solid_capstyle="round")
+        axes.plot(z.real, z.imag, "o", ms=13, mfc="white", mec="black", zorder=3)
+        write_in_box(axes, 0.55 * z, f"crank pin {k}: {math.degrees(turn):.0f} degrees", 10.0)
+    axes.plot(0.0, 0.0, "o", ms=24, mfc="0.7", mec="black", zorder=3)
+    axes.text(0.0, -0.12, "shaft (O)", ha="center", va="top", fontsize=10)
+    arrow = {"arrowstyle": "->", "lw": 2.0, "connectionstyle": "arc3,rad=0.25"}
+    axes.annotate("", (0.35, 0.6), (0.68, 0.15), arrowprops=arrow)
+    axes.text(0.6, 0.45, "angles increase\nanticlockwise", fontsize=10)
     hide_frame(axes)
 
 
@@ -249,6 +276,35 @@ def draw_wiring(wires: Sequence[Wire], axes: Axes) -> None:
 # Tools
 
 
+def points_per_mm(axes: Axes, width: float, height: float) -> float:
+    """Return the size of 1 mm on paper, in points, in a picture that fills its axes.
+
+    Args:
+        axes: Axes to draw on.
+        width: Width of what is drawn, in mm.
+        height: Height of what is drawn, in mm.
+    """
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    across, up = figure.get_size_inches()
+    box = axes.get_position()
+    return 72.0 * min(box.width * across / width, box.height * up / height) / 1.1  # with margins
+
+
+def spread(places: Sequence[float], least: float) -> list[float]:
+    """Return places for labels: as near to their targets as a distance between labels allows.
+
+    Args:
+        places: Targets, in ascending order.
+        least: Least distance between two labels.
+    """
+    labels: list[float] = []
+    for place in places:
+        labels.append(max(place, labels[-1] + least) if labels else place)
+    late = sum(labels) - sum(places)
+    return [label - late / len(places) for label in labels]
+
+
 def hide_frame(axes: Axes) -> None:
     """Draw axes to scale and hide their frame.
 
@@ -276,7 +332,7 @@ def fill(axes: Axes, rims: Sequence[Points], color: str) -> None:
 
 
 def write_in_box(
-    axes: Axes, z: complex, text: str, size: float = 8.0, color: str = "white"
+    axes: Axes, z: complex, text: str, size: float = LETTERS, color: str = "white"
 ) -> None:
     """Write a text in a box centred at a point; nothing for an empty text.
 

@@ -5,7 +5,7 @@ Each function draws one picture on Matplotlib axes. Lengths are in mm.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,17 @@ from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_workshop.drawings.assembly import Assembly
 from jansen_workshop.drawings.convex import Points, Round, rectangle
 from jansen_workshop.drawings.drive_solids import motor_way
-from jansen_workshop.drawings.part_pictures import ANGLE, PALE, fill, hide_frame, write_in_box
+from jansen_workshop.drawings.outlines import toe_way
+from jansen_workshop.drawings.part_pictures import (
+    ANGLE,
+    LETTERS,
+    PALE,
+    fill,
+    hide_frame,
+    points_per_mm,
+    spread,
+    write_in_box,
+)
 from jansen_workshop.drawings.solids import Solid
 
 if TYPE_CHECKING:
@@ -42,12 +52,13 @@ def _number(assembly: Assembly, numbers: Numbers, solid: Solid) -> int:
 # Views
 
 
-def draw_side_view(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
+def draw_side_view(assembly: Assembly, numbers: Numbers, stage: str, axes: Axes) -> None:
     """Draw all solids as seen from the motor.
 
     Args:
         assembly: Machine to draw.
         numbers: Numbers in the bill of materials, which select the colours.
+        stage: Stage whose pieces are in colour; empty for all.
         axes: Axes to draw on.
     """
     for solid in sorted(assembly.solids, key=lambda solid: -solid.low):  # the farthest first
@@ -56,22 +67,73 @@ def draw_side_view(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
             assembly.positions(solid, shape.polygon, IN_PICTURES)[0]
             for shape in (solid.outline, *windows)
         ]
-        fill(axes, rims, f"C{_number(assembly, numbers, solid) % 10}")
+        fill(axes, rims, _color(assembly, numbers, stage, solid))
     _finish_view(axes, "from the motor's side")
 
 
-def draw_top_view(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
+def draw_top_view(assembly: Assembly, numbers: Numbers, stage: str, axes: Axes) -> None:
     """Draw all solids as seen from above, with the motor's end at the bottom.
 
     Args:
         assembly: Machine to draw.
         numbers: Numbers in the bill of materials, which select the colours.
+        stage: Stage whose pieces are in colour and have a label; empty for all, without labels.
         axes: Axes to draw on.
     """
     boxes = [_box_from_above(assembly, solid) for solid in assembly.solids]
     for k, (_, rim) in sorted(enumerate(boxes), key=lambda each: each[1][0]):  # the lowest first
-        fill(axes, [rim], f"C{_number(assembly, numbers, assembly.solids[k]) % 10}")
+        fill(axes, [rim], _color(assembly, numbers, stage, assembly.solids[k]))
+    labels = [
+        (complex(rim.mean()), _title(assembly, numbers, solid))
+        for solid, (_, rim) in zip(assembly.solids, boxes, strict=True)
+        if assembly.pieces[solid.piece].stage == stage
+    ]
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
+    line = 13.0 / points_per_mm(axes, right - left, high - low)
+    for x, align in ((left, "right"), (right, "left")):
+        beside = [label for label in labels if (label[0].real < 0.0) == (x < 0.0)]
+        _label_beside(axes, beside, x, align, line)
     _finish_view(axes, "from above")
+
+
+def _color(assembly: Assembly, numbers: Numbers, stage: str, solid: Solid) -> str:
+    """Return the colour of a solid in a view, which is pale if it belongs to another stage."""
+    if stage and assembly.pieces[solid.piece].stage != stage:
+        return PALE
+    return f"C{_number(assembly, numbers, solid) % 10}"
+
+
+def _title(assembly: Assembly, numbers: Numbers, solid: Solid) -> str:
+    """Return the number and the name of a solid's piece."""
+    return f"{_number(assembly, numbers, solid)} {assembly.pieces[solid.piece].name}"
+
+
+def _label_beside(
+    axes: Axes, labels: Sequence[tuple[complex, str]], x: float, align: str, line: float
+) -> None:
+    """Write labels below one another beside a picture, with lines to what they name.
+
+    Args:
+        axes: Axes to draw on.
+        labels: Point to which each label's line leads, and the label.
+        x: Position of the labels.
+        align: Horizontal alignment of the labels.
+        line: Distance between two labels.
+    """
+    ordered = sorted(labels, key=lambda label: label[0].imag)
+    places = spread([z.imag for z, _ in ordered], line)
+    for (z, text), y in zip(ordered, places, strict=True):
+        axes.annotate(
+            text,
+            (z.real, z.imag),
+            (x, y),
+            fontsize=LETTERS,
+            ha=align,
+            va="center",
+            arrowprops={"arrowstyle": "-", "lw": 0.6},
+            zorder=8,
+        )
 
 
 def _box_from_above(assembly: Assembly, solid: Solid) -> tuple[float, Points]:
@@ -163,6 +225,68 @@ def _through_holes(solid: Solid) -> list[Round]:
     ]
 
 
+# Foot
+
+
+def draw_foot(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
+    """Draw the first foot from the side and from the front, with the names of its parts.
+
+    The tip of the foot points downwards.
+
+    Args:
+        assembly: Machine that the foot belongs to.
+        numbers: Numbers in the bill of materials.
+        axes: Axes to draw on.
+    """
+    first = next(piece for piece in assembly.pieces if piece.stage == "foot")
+    solids = [
+        solid
+        for solid in assembly.solids
+        if (assembly.pieces[solid.piece].stage, assembly.pieces[solid.piece].leg)
+        == ("foot", first.leg)
+        and assembly.pieces[solid.piece].joint == first.joint
+    ]
+    carrier = solids[0].carrier
+    links = {piece: k for k, piece in enumerate(assembly.pieces) if piece.stage == "links"}
+    link = next(s for s in assembly.solids if s.carrier == carrier and s.piece in links.values())
+    solids.append(link)
+    part = assembly.parts[carrier.body - 1]
+    toe = part.joints[first.joint]
+    turn = -1j / toe_way(part, first.joint)
+    radius = 1e3 * assembly.build.foot_radius
+    reach = 2.2 * radius  # height above the toe of what is drawn
+    front = 3.6 * radius  # position of the front view
+    middle = 0.5 * (link.low + link.high)
+    boxes = []
+    for solid in sorted(solids, key=lambda solid: -solid.low):  # the farthest first
+        color = f"C{_number(assembly, numbers, solid) % 10}"
+        rims = [
+            turn * (np.array(shape.polygon) - toe)
+            for shape in (solid.outline, *(c.outline for c in solid.cavities))
+        ]
+        fill(axes, [_capped(rim, reach) for rim in rims if rim.imag.min() < reach], color)
+        boxes.append((solid, rims[0], color))
+    labels: dict[str, complex] = {}
+    for solid, rim, color in sorted(boxes, key=lambda each: float(each[1].real.max())):
+        low, high = rim.imag.min(), min(rim.imag.max(), reach)
+        size = complex(solid.high - solid.low, high - low)
+        corner = complex(front + solid.low - middle, low)
+        fill(axes, [np.array(rectangle(size).polygon) + corner], color)
+        labels[_title(assembly, numbers, solid)] = corner + size * 1.0 - 0.5j * size.imag
+    scale = points_per_mm(axes, 9.0 * radius, 3.5 * radius)
+    beside = [(z - 0.3, text) for text, z in labels.items()]
+    _label_beside(axes, beside, front + 1.6 * radius, "left", 14.0 / scale)
+    for x, title in ((0.0, "from the side"), (front, "from the front")):
+        axes.text(x, -1.5 * radius, title, ha="center", va="top", fontsize=10)
+    axes.set(xlim=(-1.6 * radius, front + 4.5 * radius), ylim=(-2.0 * radius, 1.1 * reach))
+    hide_frame(axes)
+
+
+def _capped(rim: Points, reach: float) -> Points:
+    """Return a rim whose points are no higher than a limit, in mm."""
+    return rim.real + 1j * np.minimum(rim.imag, reach)
+
+
 # Section
 
 
@@ -202,22 +326,34 @@ def draw_section(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
     _number_section(middles, axes)
     axes.set_aspect("equal")
     axes.yaxis.tick_right()
-    axes.set(xlabel="mm along the shaft from the first frame; upwards along its bar from O")
+    axes.tick_params(axis="x", pad=24.0)
+    axes.set_xlabel("mm along the shaft from the first frame")
+    axes.set_title("upwards: mm along the bar of the first frame from O", fontsize=10, pad=28.0)
 
 
 def _number_section(middles: dict[int, tuple[float, float]], axes: Axes) -> None:
-    """Write the numbers of solids in a row above a section, with lines to their middles."""
-    ordered = sorted(middles.items(), key=lambda each: each[1])
-    for k, (number, (x, y)) in enumerate(ordered):
-        axes.annotate(
-            str(number),
-            (x, y),
-            (0.03 + 0.94 * k / max(len(middles) - 1, 1), (1.03, 1.07)[k % 2]),
-            textcoords="axes fraction",
-            fontsize=9,
-            ha="center",
-            arrowprops={"arrowstyle": "-", "lw": 0.6},
-        )
+    """Write the numbers of solids above and below a section, with lines to their middles."""
+    box = axes.get_position()
+    axes.set_position((box.x0, box.y0 + 0.1, box.width, box.height - 0.17))  # room for numbers
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
+    apart = 22.0 / points_per_mm(axes, right - left, high - low)
+    middle = 0.5 * (min(y for _, y in middles.values()) + max(y for _, y in middles.values()))
+    for upper in (True, False):
+        row = [each for each in middles.items() if (each[1][1] >= middle) == upper]
+        row.sort(key=lambda each: each[1])
+        places = spread([x for _, (x, _) in row], apart)
+        for (number, end), x in zip(row, places, strict=True):
+            axes.annotate(
+                str(number),
+                end,
+                (x, 1.04 if upper else -0.04),
+                textcoords=axes.get_xaxis_transform(),
+                fontsize=11,
+                ha="center",
+                va="center",
+                arrowprops={"arrowstyle": "-", "lw": 0.8},
+            )
 
 
 def _flat_first(solid: Solid) -> tuple[bool, float]:

@@ -286,7 +286,7 @@ def test_instructions_put_every_part_on_with_its_number_and_mass(name):
         assert heights == sorted(heights)
     if name == "built":
         pages = manual.to_pdf(name).count(b"/Type /Page ")
-        assert pages == len(steps) + 2 + math.ceil((len(order.parts) + 3) / LINES)
+        assert pages == len(steps) + 2 + math.ceil((len(order.parts) + 2) / LINES)
 
 
 @pytest.mark.slow

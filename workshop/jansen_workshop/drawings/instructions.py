@@ -123,8 +123,15 @@ class Manual:
                 text.append(said)
         title = page["title"].format(**fields)
         mass = self.order.weigh(weighed) if weighed else None
-        stacked = page.get("stacked", False)
-        return Step(title, text, pictures, page.get("weighed", ""), mass, stacked)
+        return Step(
+            title,
+            text,
+            pictures,
+            page.get("weighed", ""),
+            mass,
+            page.get("stacked", False),
+            page.get("widths", ()),
+        )
 
     def _applicable(self, line: str) -> str | None:
         """Return a line without its conditions; None if the machine does not meet one of them.

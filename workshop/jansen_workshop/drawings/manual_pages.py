@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,6 +29,7 @@ class Step(NamedTuple):
         weighed: Name of the assembly to weigh.
         mass: Mass of this assembly; None if nothing is weighed.
         stacked: Whether the pictures are placed one below the other rather than side by side.
+        widths: Relative widths of pictures that are side by side; empty for equal widths.
     """
 
     title: str
@@ -36,6 +38,7 @@ class Step(NamedTuple):
     weighed: str = ""
     mass: Mass | None = None
     stacked: bool = False
+    widths: Sequence[float] = ()
 
 
 def bill_figures(order: Order) -> list[Figure]:
@@ -58,7 +61,7 @@ def bill_figures(order: Order) -> list[Figure]:
             fontsize=size,
             family="monospace",
             va="top",
-            linespacing=1.45,
+            linespacing=min(2.0, 490.0 / ((length + 1) * size)),
         )
         figures.append(figure)
     return figures
@@ -116,16 +119,28 @@ def page_figure(step: Step) -> Figure:
     size = min(9.5, 9.5 * (31.0 if step.mass else 36.0) / max(len(lines), 1))
     figure.text(0.68, 0.88, "\n".join(lines), fontsize=size, va="top", linespacing=1.45)
     if step.mass:
-        check = "\n".join([*wrapped(f"{step.weighed}:", LABEL), _grams(step.mass)])
-        box = {"boxstyle": "round,pad=0.5", "fc": "#fff3c4"}
-        figure.text(0.68, 0.05, check, fontsize=11, va="bottom", fontweight="bold", bbox=box)
-    many = max(len(step.pictures), 1)
-    for k, draw in enumerate(step.pictures):
-        if step.stacked:
-            height = 0.84 / many
-            box = (0.03, 0.05 + (many - 1 - k) * height, 0.61, 0.88 * height)
-        else:
-            width = 0.64 / many
-            box = (0.03 + k * width, 0.05, 0.95 * width, 0.81)
+        check = "\n".join([*textwrap.wrap(f"{step.weighed}:", LABEL), _grams(step.mass)])
+        yellow = {"boxstyle": "round,pad=0.5", "fc": "#fff3c4"}
+        figure.text(0.68, 0.05, check, fontsize=11, va="bottom", fontweight="bold", bbox=yellow)
+    for box, draw in zip(_boxes(step), step.pictures, strict=True):
         draw(figure.add_axes(box))
     return figure
+
+
+def _boxes(step: Step) -> list[tuple[float, float, float, float]]:
+    """Return the left edge, lower edge, width and height of each picture of a page.
+
+    They are fractions of the page.
+    """
+    many = len(step.pictures)
+    if step.stacked:
+        height = 0.84 / many
+        return [(0.03, 0.89 - k * height, 0.61, 0.88 * height) for k in range(1, many + 1)]
+    widths = step.widths or [1.0] * many
+    boxes = []
+    left = 0.03
+    for part in widths:
+        width = 0.64 * part / sum(widths)
+        boxes.append((left, 0.05, 0.95 * width, 0.81))
+        left += width
+    return boxes

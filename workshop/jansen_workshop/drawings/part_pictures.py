@@ -60,10 +60,11 @@ def draw_flat(parts: Sequence[CutPart], axes: Axes) -> None:
             fill(axes, [np.array(visible.polygon)], HOLE_COLORS[hole.fit])
         for text, start, end in ((part.title, *part.text), *part.labels):
             room = 1.4 * scale * abs(end - start) / len(text)
-            if room < SMALLEST:  # beside the part
+            if room < SMALLEST:  # below the part
                 low, high = part.outline.box
-                x, y = high.real + 2.0 / scale, 0.5 * (low.imag + high.imag)
-                axes.text(x, y, text, va="center", fontsize=LETTERS)
+                x = 0.5 * (low.real + high.real)
+                y = low.imag - 1.5 / scale
+                axes.text(x, y, text, ha="center", va="top", fontsize=SMALLEST)
                 continue
             middle = (start + end) / 2.0
             turn = math.degrees(np.angle(end - start))
@@ -141,12 +142,12 @@ def draw_exploded(robot: Robot, items: Sequence[Placed], axes: Axes) -> None:
         items: Parts to draw.
         axes: Axes to draw on.
     """
-    spread = 2.0 * max(np.ptp(_rims(robot, item)[0].real) for item in items) / len(items)
+    apart = 2.4 * max(np.ptp(_rims(robot, item)[0].real) for item in items) / len(items)
     centres: dict[str, list[complex]] = {}
     for k, item in reversed([*enumerate(sorted(items, key=lambda item: item.z))]):
-        rims = [_tilted(rim, spread * k) for rim in _rims(robot, item)]
+        rims = [_tilted(rim, apart * k) for rim in _rims(robot, item)]
         fill(axes, rims, f"C{item.body - 1}")
-        at = _tilted(_joints(robot, item), spread * k)
+        at = _tilted(_joints(robot, item), apart * k)
         for joint, z in zip(item.part.joints, at.tolist(), strict=True):
             centres.setdefault(joint, []).append(z)
         along = (0.7, 0.3)[k % 2]
@@ -156,10 +157,11 @@ def draw_exploded(robot: Robot, items: Sequence[Placed], axes: Axes) -> None:
         axes.annotate(
             joint,
             (ends[-1].real, ends[-1].imag),
-            (-12, -4),
-            zorder=6,
+            (-15, -4),
+            zorder=8,
             textcoords="offset points",
             fontweight="bold",
+            bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
         )
     hide_frame(axes)
 
@@ -228,8 +230,8 @@ def draw_phases(turns: Sequence[float], axes: Axes) -> None:
     axes.plot(0.0, 0.0, "o", ms=24, mfc="0.7", mec="black", zorder=3)
     axes.text(0.0, -0.12, "shaft (O)", ha="center", va="top", fontsize=10)
     arrow = {"arrowstyle": "->", "lw": 2.0, "connectionstyle": "arc3,rad=0.25"}
-    axes.annotate("", (0.35, 0.6), (0.68, 0.15), arrowprops=arrow)
-    axes.text(0.6, 0.45, "angles increase\nanticlockwise", fontsize=10)
+    axes.annotate("", (0.3, 0.5), (0.6, 0.12), arrowprops=arrow)
+    axes.text(0.0, 0.62, "angles increase anticlockwise", ha="center", fontsize=10)
     hide_frame(axes)
 
 
@@ -355,5 +357,6 @@ def wrapped(text: str, width: int) -> list[str]:
         text: Text to wrap.
         width: Most characters per line.
     """
-    bound = re.sub(r" (?=(?:k?g|mm|V|A|k?ohm|rad/s|EUR|°C|\d+$)\b|x |%|°)|(?<= x) ", "\u00a0", text)
+    units = r" (?=(?:k?g|mm?|V|A|k?ohm|rad/s|EUR|°C|\d+$)\b|x |%)"
+    bound = re.sub(rf"{units}|(?<= x) |(?<=ISO) |(?<=DIN) ", "\u00a0", text)
     return textwrap.wrap(bound, width, subsequent_indent="  ", break_on_hyphens=False)

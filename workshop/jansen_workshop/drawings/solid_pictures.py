@@ -25,7 +25,7 @@ from jansen_workshop.drawings.part_pictures import (
     spread,
     write_in_box,
 )
-from jansen_workshop.drawings.solids import Solid
+from jansen_workshop.drawings.solids import AssemblyPiece, Solid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,7 +90,9 @@ def draw_top_view(assembly: Assembly, numbers: Numbers, stage: str, axes: Axes) 
     ]
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
-    line = 13.0 / points_per_mm(axes, right - left, high - low)
+    room = 0.25 * (right - left) if labels else 0.0
+    axes.set_xlim(left - room, right + room)
+    line = 13.0 / points_per_mm(axes, right - left + 2.0 * room, high - low)
     for x, align in ((left, "right"), (right, "left")):
         beside = [label for label in labels if (label[0].real < 0.0) == (x < 0.0)]
         _label_beside(axes, beside, x, align, line)
@@ -213,7 +215,25 @@ def _draw_tied(
         ]
         frame = assembly.pieces[solid.piece].name == "frame"
         fill(axes, rims, PALE if frame else "C1")
+        if frame:
+            _name_joints(assembly, solid, at, axes)
     write_in_box(axes, at + above, title)
+
+
+def _name_joints(assembly: Assembly, frame: Solid, at: complex, axes: Axes) -> None:
+    """Write the name of each joint of a frame above it."""
+    joints = assembly.parts[FRAME - 1].joints
+    places = assembly.positions(frame, [*joints.values()], AT_REST)[0]
+    for name, z in zip(joints, (at + places).tolist(), strict=True):
+        axes.annotate(
+            name,
+            (z.real, z.imag),
+            (0, 9),
+            textcoords="offset points",
+            ha="center",
+            fontweight="bold",
+            zorder=6,
+        )
 
 
 def _through_holes(solid: Solid) -> list[Round]:
@@ -229,7 +249,7 @@ def _through_holes(solid: Solid) -> list[Round]:
 
 
 def draw_foot(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
-    """Draw the first foot from the side and from the front, with the names of its parts.
+    """Draw the first foot from the side and from the front, with the numbers of its parts.
 
     The tip of the foot points downwards.
 
@@ -239,52 +259,74 @@ def draw_foot(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
         axes: Axes to draw on.
     """
     first = next(piece for piece in assembly.pieces if piece.stage == "foot")
-    solids = [
-        solid
-        for solid in assembly.solids
-        if (assembly.pieces[solid.piece].stage, assembly.pieces[solid.piece].leg)
-        == ("foot", first.leg)
-        and assembly.pieces[solid.piece].joint == first.joint
-    ]
-    carrier = solids[0].carrier
-    links = {piece: k for k, piece in enumerate(assembly.pieces) if piece.stage == "links"}
-    link = next(s for s in assembly.solids if s.carrier == carrier and s.piece in links.values())
-    solids.append(link)
-    part = assembly.parts[carrier.body - 1]
+    solids = _solids_of_foot(assembly, first)
+    part = assembly.parts[solids[0].carrier.body - 1]
     toe = part.joints[first.joint]
     turn = -1j / toe_way(part, first.joint)
     radius = 1e3 * assembly.build.foot_radius
-    reach = 2.2 * radius  # height above the toe of what is drawn
-    front = 3.6 * radius  # position of the front view
-    middle = 0.5 * (link.low + link.high)
-    boxes = []
-    for solid in sorted(solids, key=lambda solid: -solid.low):  # the farthest first
-        color = f"C{_number(assembly, numbers, solid) % 10}"
-        rims = [
-            turn * (np.array(shape.polygon) - toe)
-            for shape in (solid.outline, *(c.outline for c in solid.cavities))
-        ]
-        fill(axes, [_capped(rim, reach) for rim in rims if rim.imag.min() < reach], color)
-        boxes.append((solid, rims[0], color))
-    labels: dict[str, complex] = {}
-    for solid, rim, color in sorted(boxes, key=lambda each: float(each[1].real.max())):
-        low, high = rim.imag.min(), min(rim.imag.max(), reach)
-        size = complex(solid.high - solid.low, high - low)
-        corner = complex(front + solid.low - middle, low)
-        fill(axes, [np.array(rectangle(size).polygon) + corner], color)
-        labels[_title(assembly, numbers, solid)] = corner + size * 1.0 - 0.5j * size.imag
-    scale = points_per_mm(axes, 9.0 * radius, 3.5 * radius)
-    beside = [(z - 0.3, text) for text, z in labels.items()]
-    _label_beside(axes, beside, front + 1.6 * radius, "left", 14.0 / scale)
-    for x, title in ((0.0, "from the side"), (front, "from the front")):
-        axes.text(x, -1.5 * radius, title, ha="center", va="top", fontsize=10)
-    axes.set(xlim=(-1.6 * radius, front + 4.5 * radius), ylim=(-2.0 * radius, 1.1 * reach))
+    height = 1.2 * radius  # of what is drawn, above the toe
+    front = 3.4j * radius  # position of the front view
+    middle = 0.5 * (min(each.low for each in solids) + max(each.high for each in solids))
+
+    blocks = []  # of the front view
+    for solid in sorted(solids, key=lambda each: -each.low):  # the farthest first
+        shapes = [solid.outline, *(cavity.outline for cavity in solid.cavities)]
+        rims = [_below(turn * (np.array(shape.polygon) - toe), height) for shape in shapes]
+        link = assembly.pieces[solid.piece].stage != "foot"
+        color = PALE if link else _color(assembly, numbers, "", solid)
+        fill(axes, [rim for rim in rims if rim.size], color)
+        low, high = float(rims[0].imag.min()), float(rims[0].imag.max())
+        corners = (complex(solid.low - middle, low), complex(solid.high - middle, high))
+        number = str(_number(assembly, numbers, solid))
+        blocks.append((float(rims[0].real.max()), corners, number, color))
+
+    ends: dict[str, complex] = {}  # outermost point of the parts with each number
+    blocks.sort(key=lambda block: block[0])  # the nearest last
+    for _, (corner, opposite), number, color in blocks:
+        shape = rectangle(opposite - corner).moved(1 + 0j, front + corner)
+        fill(axes, [np.array(shape.polygon)], color)
+        x = max(corner.real, opposite.real, key=lambda each: (round(abs(each), 6), each))
+        if number not in ends or abs(x) >= abs(ends[number].real) - 1e-6:
+            y = 0.1 * corner.imag + 0.9 * opposite.imag
+            ends[number] = front + complex(x, y)
+
+    line = 14.0 / points_per_mm(axes, 4.0 * radius, 6.4 * radius)
+    for way, align in ((-1, "right"), (1, "left")):
+        beside = [(z, number) for number, z in ends.items() if way * z.real > 0.0]
+        _label_beside(axes, beside, 1.6 * way * radius, align, line)
+    for y, title in ((0.0, "from the side"), (front.imag, "from the front")):
+        axes.text(0.0, y - 1.15 * radius, title, ha="center", va="top", fontsize=10)
+    axes.set(xlim=(-2.0 * radius, 2.0 * radius), ylim=(-1.6 * radius, front.imag + 1.4 * radius))
     hide_frame(axes)
 
 
-def _capped(rim: Points, reach: float) -> Points:
-    """Return a rim whose points are no higher than a limit, in mm."""
-    return rim.real + 1j * np.minimum(rim.imag, reach)
+def _solids_of_foot(assembly: Assembly, first: AssemblyPiece) -> list[Solid]:
+    """Return the solids of the foot that a piece belongs to, and of the link that carries it."""
+    place = first.stage, first.leg, first.joint
+    feet = []
+    for solid in assembly.solids:
+        piece = assembly.pieces[solid.piece]
+        if (piece.stage, piece.leg, piece.joint) == place:
+            feet.append(solid)
+    carrier = feet[0].carrier
+    links = (
+        solid
+        for solid in assembly.solids
+        if solid.carrier == carrier and assembly.pieces[solid.piece].body == carrier.body
+    )
+    return [next(links), *feet]
+
+
+def _below(rim: Points, height: float) -> Points:
+    """Return the rim of the part of a convex polygon that lies below a height, in mm."""
+    points: list[complex] = []
+    corners = rim.tolist()
+    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+        if start.imag <= height:
+            points.append(start)
+        if (start.imag <= height) != (end.imag <= height):
+            points.append(start + (end - start) * (height - start.imag) / (end.imag - start.imag))
+    return np.array(points)
 
 
 # Section

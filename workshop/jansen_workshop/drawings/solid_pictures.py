@@ -264,8 +264,9 @@ def draw_foot(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
     toe = part.joints[first.joint]
     turn = -1j / toe_way(part, first.joint)
     radius = 1e3 * assembly.build.foot_radius
-    height = 1.2 * radius  # of what is drawn, above the toe
-    front = 3.4j * radius  # position of the front view
+    tops = [turn * (np.array(each.outline.polygon) - toe) for each in solids[1:]]
+    height = 0.2 * radius + max(float(rim.imag.max()) for rim in tops)  # of what is drawn
+    front = 1j * (height + 2.2 * radius)  # position of the front view
     middle = 0.5 * (min(each.low for each in solids) + max(each.high for each in solids))
 
     blocks = []  # of the front view
@@ -290,13 +291,13 @@ def draw_foot(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
             y = 0.1 * corner.imag + 0.9 * opposite.imag
             ends[number] = front + complex(x, y)
 
-    line = 14.0 / points_per_mm(axes, 4.0 * radius, 6.4 * radius)
+    line = 14.0 / points_per_mm(axes, 4.0 * radius, front.imag + height + 1.8 * radius)
     for way, align in ((-1, "right"), (1, "left")):
         beside = [(z, number) for number, z in ends.items() if way * z.real > 0.0]
         _label_beside(axes, beside, 1.6 * way * radius, align, line)
     for y, title in ((0.0, "from the side"), (front.imag, "from the front")):
         axes.text(0.0, y - 1.15 * radius, title, ha="center", va="top", fontsize=10)
-    axes.set(xlim=(-2.0 * radius, 2.0 * radius), ylim=(-1.6 * radius, front.imag + 1.4 * radius))
+    axes.set(xlim=(-2.0 * radius, 2.0 * radius), ylim=(-1.6 * radius, front.imag + height))
     hide_frame(axes)
 
 

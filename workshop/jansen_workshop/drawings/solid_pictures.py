@@ -344,7 +344,7 @@ def draw_section(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
     turn = motor_way(assembly)
     hub = _named(assembly, "hub")[0]
     top = hub.high + assembly.parts[CRANK - 1].thickness + 0.5
-    middles: dict[int, tuple[float, float]] = {}  # middle of the first solid with each number
+    spots: dict[int, tuple[float, float]] = {}  # point in the first solid with each number
     for solid in sorted(assembly.solids, key=_flat_first):
         cut = _cut(assembly, solid, turn) if solid.low <= top else None
         if cut is None:
@@ -364,9 +364,10 @@ def draw_section(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
                 lw=0.6,
             )
         if spans:
-            middle = solid.low + 0.5 * width, 0.5 * (spans[-1][0] + spans[-1][1])
-            middles.setdefault(number, middle)
-    _number_section(middles, axes)
+            start, end = spans[-1]
+            # Close to the upper edge, where no shaft or screw passes through the solid.
+            spots.setdefault(number, (solid.low + 0.5 * width, start + 0.95 * (end - start)))
+    _number_section(spots, axes)
     axes.set_aspect("equal")
     axes.yaxis.tick_right()
     axes.tick_params(axis="x", pad=24.0)
@@ -374,16 +375,17 @@ def draw_section(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
     axes.set_title("upwards: mm along the bar of the first frame from O", fontsize=10, pad=28.0)
 
 
-def _number_section(middles: dict[int, tuple[float, float]], axes: Axes) -> None:
-    """Write the numbers of solids above and below a section, with lines to their middles."""
+def _number_section(spots: dict[int, tuple[float, float]], axes: Axes) -> None:
+    """Write the numbers of solids above and below a section, with lines to points in them."""
     box = axes.get_position()
     axes.set_position((box.x0, box.y0 + 0.1, box.width, box.height - 0.17))  # room for numbers
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     apart = 22.0 / points_per_mm(axes, right - left, high - low)
-    middle = 0.5 * (min(y for _, y in middles.values()) + max(y for _, y in middles.values()))
+    heights = [y for _, y in spots.values()]
+    middle = 0.5 * (min(heights) + max(heights))
     for upper in (True, False):
-        row = [each for each in middles.items() if (each[1][1] >= middle) == upper]
+        row = [each for each in spots.items() if (each[1][1] >= middle) == upper]
         row.sort(key=lambda each: each[1])
         places = spread([x for _, (x, _) in row], apart)
         for (number, end), x in zip(row, places, strict=True):

@@ -10,11 +10,11 @@ every pin of its legs, and with 1 degree of backlash between the motor and the c
 two initial states at each of two commands, under the pretrained policy and under the PID. Every
 walk begins on the fast projection plant, without play, and continues on the rigid-body plant when
 it is steady. Some of the walks under the policy are repeated with half the time step. The policy
-also walks in short episodes, whose return is measured. The script prints a table per controller, one
-of the halved time step and one of the episodes, and writes ``joint_play.json`` and
+also walks in short episodes, whose return is measured. The script prints a table per controller,
+one of the halved time step and one of the episodes, and writes ``joint_play.json`` and
 ``joint_play.png``.
 The page docs/joint_play.md contains the tables and the figure, and ``joint_play.json`` contains the
-data. The run takes about ten minutes of processor time.
+data. The run takes about 25 minutes of processor time.
 """
 
 import math
@@ -47,6 +47,7 @@ BEFORE = 4.0  # time for which a robot walks on the projection plant first, in s
 SETTLING = 0.3  # time on the rigid-body plant that the metrics leave out, in s
 LONGEST = 8.0  # time after which a walk ends even if its crank got stuck, in s
 EPISODE_PLAYS = (0.0, 0.3, 0.5)  # radial play in the episodes, in mm
+EPISODE_TIME_STEPS = (TIME_STEP, 0.5 * TIME_STEP)  # time steps of the rigid-body plant, in ms
 EPISODE_COMMAND, EPISODES, EPISODE_SEED = 0.3, 2, 0  # m/s; number of episodes; their seed
 STEPS_PER_TURN = 500  # control steps of an episode per turn of the crank in the command line
 METRICS = {
@@ -173,18 +174,27 @@ def measure(turns: float) -> list[dict[str, Any]]:
 def walk_episodes(turns: float) -> list[dict[str, Any]]:
     """Return the metrics of the policy in short episodes from the same initial states.
 
-    All episodes on the rigid-body plant have the same time step.
+    A time step of the projection plant is that of the environment.
 
     Args:
         turns: Length of an episode, in multiples of :data:`STEPS_PER_TURN` control steps.
     """
-    rigid = {"plant": "rigid_body", "time_step": PLAY_TIME_STEP}
-    cases: list[tuple[str, float, dict[str, Any]]] = [("projection", 0.0, {})]
+    env: Any = gym.make(ENV).unwrapped
+    cases = [("projection", 1e3 * env.task.world.time_step, 0.0)]
     cases += [
-        ("rigid bodies", play, {**rigid, "joint_play": 1e-3 * play}) for play in EPISODE_PLAYS
+        ("rigid bodies", time_step, play)
+        for time_step in EPISODE_TIME_STEPS
+        for play in EPISODE_PLAYS
     ]
     rows = []
-    for plant, play, arguments in cases:
+    for plant, time_step, play in cases:
+        arguments: dict[str, Any] = {}
+        if plant == "rigid bodies":
+            arguments = {
+                "plant": "rigid_body",
+                "time_step": 1e-3 * time_step,
+                "joint_play": 1e-3 * play,
+            }
         steps = max(1, round(STEPS_PER_TURN * turns))
         scores = evaluate(
             {"policy": pretrained.load(ENV)},
@@ -196,7 +206,9 @@ def walk_episodes(turns: float) -> list[dict[str, Any]]:
         )
         overall = scores["policy"]["overall"]
         values = {name: overall[name][0] for name in METRICS}
-        rows.append({"plant": plant, "play": play, "steps": steps, **values})
+        rows.append(
+            {"plant": plant, "time_step": time_step, "play": play, "steps": steps, **values}
+        )
         print(rows[-1], file=sys.stderr, flush=True)
     return rows
 
@@ -206,14 +218,16 @@ def episode_table(rows: list[dict[str, Any]]) -> str:
 
     A metric is "none" if it is undefined in all episodes.
     """
-    headings = ["simulation", "play (mm)", *(heading for heading, _ in METRICS.values())]
+    headings = ["simulation", "time step (ms)", "play (mm)"]
+    headings += [heading for heading, _ in METRICS.values()]
     lines = ["| " + " | ".join(headings) + " |", "| --- |" + " ---: |" * (len(headings) - 1)]
     for row in rows:
-        cells = [
+        cells = [row["plant"], f"{row['time_step']:g}", f"{row['play']:g}"]
+        cells += [
             "none" if row[name] is None else f"{row[name]:{form}}"
             for name, (_, form) in METRICS.items()
         ]
-        lines.append("| " + " | ".join([row["plant"], f"{row['play']:g}", *cells]) + " |")
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

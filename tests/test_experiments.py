@@ -24,7 +24,7 @@ SCRIPTS = {
 SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2"}
 """Arguments with which experiments with a command line of their own take seconds."""
 IN_MUJOCO = {"closed_loops", "mujoco_witness", "spring_witness", "transfer"}
-TRAINING = {"algorithms", "serial_chain", "springs"}
+TRAINING = {"algorithms", "longer_training", "serial_chain", "springs"}
 
 
 def run(name: str, *arguments: str | Path, folder: Path) -> None:
@@ -135,9 +135,15 @@ def test_a_policy_of_another_robot_is_refused(tmp_path: Path) -> None:
 
 def test_a_metric_that_no_episode_has_is_called_none() -> None:
     joint_play = import_module("joint_play")
-    row = {"plant": "projection", "play": 0.0, **dict.fromkeys(joint_play.METRICS), "falls": 0.5}
+    row = {
+        "plant": "projection",
+        "time_step": 1.0,
+        "play": 0.0,
+        **dict.fromkeys(joint_play.METRICS),
+        "falls": 0.5,
+    }
     cells = joint_play.episode_table([row]).splitlines()[-1].strip("| ").split(" | ")
-    assert cells == ["projection", "0", "none", "none", "none", "none", "0.5"]
+    assert cells == ["projection", "1", "0", "none", "none", "none", "none", "0.5"]
 
 
 def test_the_page_about_reference_problems_shows_its_data() -> None:
@@ -181,5 +187,6 @@ def test_the_page_about_joint_play_shows_its_data() -> None:
     page = (ROOT / "docs" / "joint_play.md").read_text(encoding="utf-8")
     joint_play = import_module("joint_play")
     assert joint_play.episode_table(results["episodes"]) in page
+    assert joint_play.step_table(walks) in page
     for controller in joint_play.CONTROLLERS:
         assert joint_play.table(walks, controller) in page, controller

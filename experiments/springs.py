@@ -6,18 +6,19 @@ Run the experiment as follows. It takes about three minutes on two cores.
 
 The script records the crank torque of three robots that walk at constant crank speed. It then
 searches for the spring with which the peak torque is smallest, and for the one with which the RMS
-torque is smallest. The robots walk with and without these springs under a PID. With ``--policies
-N``, PPO also trains N policies on each robot, with and without its springs. They are kept in
-``logs/springs`` and not trained again. The script writes the tables of docs/springs.md and, in the
-folder docs/springs, ``springs.json``, ``springs.png``, a robot file for each sprung robot, and
-``robot.png``, a picture of one of them. The scores of the policies are in ``policies.json``.
+torque is smallest. The robots walk with and without these springs at constant crank speed, from
+several initial crank angles, and under a PID. With ``--policies N``, PPO also trains N policies on
+each robot, with and without its springs. They are kept in ``logs/springs`` and not trained again.
+The script writes the tables of docs/springs.md and, in the folder docs/springs, ``springs.json``,
+``springs.png``, a robot file for each sprung robot, and ``robot.png``, a picture of one of them.
+The scores of the policies are in ``policies.json``.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,7 +45,10 @@ RUNS = Path("logs/springs")
 NAMES: tuple[str, ...] = ("built", "stroller", "climber")
 SPEED = 0.3  # m/s
 COMMANDS = (0.1, 0.3, 0.5)  # m/s
-HOLD = 0.02  # control period, in s
+STARTS: tuple[float, ...] = tuple(np.linspace(0.0, math.pi, 12, endpoint=False).tolist())
+"""Initial crank angles of the walks at constant crank speed, in rad."""
+WINDOW = 0.02  # time over which the search averages the torque, in s
+WINDOWS = (0.01, WINDOW, 0.04)  # s
 SETTLING, TURNS = 2, 6  # turns of the crank before the record and during it
 ANGLES = 720  # crank angles at which springs are evaluated
 MOST_FORCE = 60.0  # largest force of a spring, in N
@@ -71,8 +75,8 @@ class Record(NamedTuple):
     """Crank torque of a robot that walks at constant crank speed.
 
     Attributes:
-        angle: Crank angle in the middle of each control period, in rad, shape (n,).
-        torque: Mean torque in each control period, in N m, shape (n,).
+        angle: Crank angle in the middle of each window, in rad, shape (n,).
+        torque: Mean torque in each window, in N m, shape (n,).
         power: Mean of the positive part of the mechanical power, in W.
     """
 
@@ -95,25 +99,49 @@ class Fit(NamedTuple):
     rest_length: float
 
 
-def record(robot: Robot) -> Record:
-    """Return the torque of a robot that walks at :data:`SPEED` with a constant crank speed."""
+def record(robot: Robot, start: float = 0.0, window: float = WINDOW) -> Record:
+    """Return the torque of a robot that walks at :data:`SPEED` with a constant crank speed.
+
+    Args:
+        robot: The robot.
+        start: Initial crank angle, in rad.
+        window: Time over which the torque is averaged, in s.
+    """
     rate = 2.0 * math.pi * SPEED / advance_per_turn(robot)
     plant = ProjectionPlant(robot, Terrain.flat(friction=0.8))
-    state = plant.reset()
+    state = plant.reset(crank_angle=start)
     state[7] = rate
     plant.state = state
     plant.prescribed_crank_speed = True
     period = 2.0 * math.pi / abs(rate)
     angles, torques = [], []
-    for k in range(round((SETTLING + TURNS) * period / HOLD)):
+    for k in range(round((SETTLING + TURNS) * period / window)):
         begun = float(plant.state[3])
-        result = plant.step(0.0, HOLD)
-        if k * HOLD >= SETTLING * period:
-            angles.append(begun + 0.5 * rate * HOLD)
-            torques.append(result.motor_work / (rate * HOLD))
+        result = plant.step(0.0, window)
+        if k * window >= SETTLING * period:
+            angles.append(begun + 0.5 * rate * window)
+            torques.append(result.motor_work / (rate * window))
     torque = np.array(torques)
     power = float(np.maximum(torque * rate, 0.0).mean())
     return Record(np.array(angles), torque, power)
+
+
+def record_all(robot: Robot, starts: Iterable[float], window: float) -> dict[str, Any]:
+    """Return the window and, for each initial crank angle, the torques in N m and the power in W.
+
+    Args:
+        robot: The robot.
+        starts: Initial crank angles, in rad.
+        window: Time over which the torque is averaged, in s.
+    """
+    walks = [record(robot, start, window) for start in starts]
+    return {
+        "window": window,
+        "peak": [round(float(np.abs(walk.torque).max()), 3) for walk in walks],
+        "rms": [round(float(np.sqrt((walk.torque**2).mean())), 3) for walk in walks],
+        "mean": [round(float(walk.torque.mean()), 3) for walk in walks],
+        "power": [round(walk.power, 3) for walk in walks],
+    }
 
 
 def candidates(robot: Robot) -> Iterator[Spring]:
@@ -275,11 +303,12 @@ def _rounded(by_command: dict[str, Any], metrics: Iterable[str]) -> dict[str, li
     }
 
 
-def measure(names: Iterable[str], episodes: int) -> dict[str, Any]:
+def measure(names: Iterable[str], starts: Sequence[float], episodes: int) -> dict[str, Any]:
     """Search for two springs for each robot, and measure the robot with and without them.
 
     Args:
         names: Names of the robots.
+        starts: Initial crank angles of the walks at constant crank speed, in rad.
         episodes: Number of episodes per command under the PID.
     """
     results: dict[str, Any] = {}
@@ -291,14 +320,10 @@ def measure(names: Iterable[str], episodes: int) -> dict[str, Any]:
             robots[goal] = replace(bare, springs=(search(bare, walk, goal),))
         results[name] = {"angle": np.round(walk.angle, 4).tolist()}
         for kind, robot in robots.items():
-            torque = record(robot)
             results[name][kind] = {
                 "springs": [asdict(spring) for spring in robot.springs],
-                "torque": np.round(torque.torque, 4).tolist(),
-                "peak": round(float(np.abs(torque.torque).max()), 3),
-                "rms": round(float(np.sqrt((torque.torque**2).mean())), 3),
-                "mean": round(float(torque.torque.mean()), 3),
-                "power": round(torque.power, 3),
+                "torque": np.round(record(robot).torque, 4).tolist(),
+                "walks": [record_all(robot, starts, window) for window in WINDOWS],
                 "pid": walk_under_pid(robot, episodes),
             }
     return results
@@ -341,7 +366,8 @@ def score_policies(results: dict[str, Any], count: int, episodes: int, quick: bo
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """Return the tables of the page about the search and about the walks under the PID."""
     robots = results["robots"]
-    return {PAGE: [spring_table(robots), *(pid_table(robots, metric) for metric in METRICS)]}
+    torques = [spring_table(robots), window_table(robots)]
+    return {PAGE: [*torques, *(pid_table(robots, metric) for metric in METRICS)]}
 
 
 def spring_table(results: dict[str, Any]) -> str:
@@ -356,11 +382,34 @@ def spring_table(results: dict[str, Any]) -> str:
                 end = spring["end"] or f"chassis ({x:.1f}, {y:.1f}) m"
                 between = f"{spring['start']} and {end}"
                 cells = [between, f"{spring['stiffness']:.0f}", f"{spring['rest_length']:.3f}"]
-            numbers = [f"{case[key]:.2f}" for key in ("peak", "rms", "mean", "power")]
-            rows.append([f"`{name}`", label, *cells, *numbers])
+            walks = case["walks"][WINDOWS.index(WINDOW)]
+            peaks = walks["peak"]
+            peak = f"{np.mean(peaks):.2f} ({min(peaks):.2f} to {max(peaks):.2f})"
+            numbers = [f"{np.mean(walks[key]):.2f}" for key in ("rms", "mean", "power")]
+            rows.append([f"`{name}`", label, *cells, peak, *numbers])
     torques = ("peak torque, N m", "RMS torque, N m", "mean torque, N m")
     ends = ("ends", "stiffness, N/m", "rest length, m")
     return table(["robot", "spring for", *ends, *torques, "driving power, W"], rows, texts=3)
+
+
+def window_table(results: dict[str, Any]) -> str:
+    """Return the table of the torques at constant crank speed for each window."""
+    rows = [
+        [
+            f"`{name}`",
+            label,
+            *(
+                f"{np.mean(walks[key]):.2f}"
+                for key in ("peak", "rms")
+                for walks in by[kind]["walks"]
+            ),
+        ]
+        for name, by in results.items()
+        for kind, label in LABELS.items()
+    ]
+    windows = [f"{1000.0 * window:.0f} ms" for window in WINDOWS]
+    heads = [f"{torque}, {window}" for torque in ("peak", "RMS") for window in windows]
+    return table(["torque (N m) with windows of", "spring for", *heads], rows, texts=2)
 
 
 def pid_table(results: dict[str, Any], metric: str) -> str:
@@ -439,10 +488,15 @@ def picture(robot: Robot, path: Path) -> None:
 def main() -> None:
     """Measure, train, and write the tables, the data, the figures and the robot files."""
     args = options(__doc__, episodes=32, policies=0)
-    names, episodes, policies = NAMES, args.episodes, args.policies
+    names, starts, episodes, policies = NAMES, STARTS, args.episodes, args.policies
     if args.quick:
-        names, episodes, policies = NAMES[1:2], 2, 1
-    results = {"commands": COMMANDS, "episodes": episodes, "robots": measure(names, episodes)}
+        names, starts, episodes, policies = NAMES[1:2], STARTS[:2], 2, 1
+    results = {
+        "commands": COMMANDS,
+        "starts": starts,
+        "episodes": episodes,
+        "robots": measure(names, starts, episodes),
+    }
     publish(args.out, DATA, results, tables(results))
     folder = (args.out / DATA).parent
     robots = robots_of(results["robots"])

@@ -5,8 +5,9 @@ Run the experiment as follows. It takes about three minutes on one core.
     python experiments/spring_witness.py [--quick]
 
 The robot ``stroller`` walks with and without the spring of docs/springs/stroller_rms.json, under
-the PID of the benchmark, in both simulation backends of this package and in MuJoCo. The script
-writes ``docs/springs/witness.json`` and two tables of docs/springs.md.
+the PID of the benchmark, in both simulation backends of this package and in MuJoCo. In the fast
+projection backend, it also walks from more initial crank angles. The script writes
+``docs/springs/witness.json`` and two tables of docs/springs.md.
 """
 
 import math
@@ -27,6 +28,8 @@ from jansen_env.tasks.walking.tuned import gains_of
 DATA, PAGE = "springs/witness.json", "springs.md"
 SPEED, FRICTION = 0.3, 0.8  # m/s; friction coefficient of the ground
 STARTS = (0.0, 1.0)  # initial crank angles, in rad
+MANY, MANY_STARTS = "projection, 12 walks", tuple((np.pi / 12 * np.arange(12)).round(4).tolist())
+"""Name of the walks from more initial crank angles, and these angles, in rad."""
 METRICS = {"speed": 3, "slip": 3, "rms_torque": 2, "peak_torque": 2, "cost_of_transport": 3}
 """Metrics, and the number of decimals in the table."""
 CHANGED = ("rms_torque", "peak_torque", "cost_of_transport")
@@ -36,6 +39,7 @@ SIMULATIONS: dict[str, Callable[[Robot, Terrain], Plant]] = {
     "projection": ProjectionPlant,
     "rigid bodies": RigidBodyPlant,
     "MuJoCo": MujocoPlant,
+    MANY: ProjectionPlant,
 }
 
 
@@ -92,7 +96,10 @@ def changed(by_spring: dict[str, list[dict[str, float]]], metric: str) -> str:
 def main() -> None:
     """Measure, and write the data and the tables."""
     args = options(__doc__)
-    starts, duration = (STARTS[:1], 0.5) if args.quick else (STARTS, 4.0)
+    starts: dict[str, tuple[float, ...]] = dict.fromkeys(SIMULATIONS, STARTS) | {MANY: MANY_STARTS}
+    duration = 4.0
+    if args.quick:
+        starts, duration = dict.fromkeys(SIMULATIONS, STARTS[:1]), 0.5
     robots = {
         BARE: ROBOTS["stroller"](),
         SPRUNG: read_robot(DOCS / "springs" / "stroller_rms.json"),
@@ -102,7 +109,7 @@ def main() -> None:
         walks[simulation] = {}
         for spring, robot in robots.items():
             plant = make(robot, Terrain.flat(friction=FRICTION))
-            walks[simulation][spring] = measure(plant, starts, duration)
+            walks[simulation][spring] = measure(plant, starts[simulation], duration)
             print(simulation, spring, walks[simulation][spring], flush=True)
     results = {"starts": starts, "duration": duration, "walks": walks}
     publish(args.out, DATA, results, tables(results))

@@ -47,8 +47,8 @@ UNITS = {
 """Predicted quantities and their units.
 
 Torques are magnitudes. The peaks of torque and load are exceeded in 1 % of the control steps, which
-last 20 ms. The duty factor is the fraction of these steps in which a foot carries load. The start
-consists of the first 2 s.
+last 20 ms. The load of a foot is averaged over a control step. The duty factor is the fraction of
+these steps in which a foot carries load at any instant. The start consists of the first 2 s.
 """
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # heights of steps to climb, in m
 STEP_AT = 0.7  # position of the step, in m

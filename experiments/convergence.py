@@ -1,8 +1,8 @@
 """How do the time step and compliant feet affect the accuracy of walks?
 
-Run the experiment as follows. It takes about two minutes on one core.
+Run the experiment as follows. It takes about one minute on one core.
 
-    python experiments/convergence.py [--starts 12] [--quick]
+    python experiments/convergence.py [--starts 48] [--quick]
 
 Robots walk from many starts with seven time steps. Each walk is compared with the walk with the
 finest time step: the position after one second, and the means of the whole walk, because individual
@@ -121,7 +121,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
 
 def main() -> None:
     """Measure, and write the data and the table."""
-    args = options(__doc__, starts=12)
+    args = options(__doc__, starts=48)
     if args.quick:
         results = measure([*GROUNDS][-1:], (DEFAULT,), 2)
     else:

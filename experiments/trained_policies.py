@@ -1,11 +1,16 @@
 """Policies that experiments train with PPO on robots of their own, and tests of these policies."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jansen_env import Robot, evaluate
 from jansen_env.registration import training_folder
 from jansen_env.robot.robot_file import read_robot, write_robot
+
+if TYPE_CHECKING:
+    from jansen_env.sb3.run_config import RunConfig
 
 ENV = "JansenWalkerBuilt-v0"
 STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
@@ -26,8 +31,6 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         ValueError: If the folder contains a run with another robot.
     """
     from agents.training.config import new_config
-    from agents.training.runs import FINAL, record_run
-    from agents.training.train_model import prepare, train
 
     if quick:
         folder = folder.with_name(f"{folder.name}_quick")
@@ -45,6 +48,20 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         timesteps=2 * 8 * 32 if quick else STEPS,
         n_envs=8 if quick else None,
     )
+    return train_run(folder, config, command)
+
+
+def train_run(folder: Path, config: RunConfig, command: str) -> Path:
+    """Train a configuration unless its last model exists, and return the file of this model.
+
+    Args:
+        folder: Folder of the run.
+        config: Configuration of the run.
+        command: Command that started the experiment.
+    """
+    from agents.training.runs import FINAL, record_run
+    from agents.training.train_model import prepare, train
+
     if not (folder / FINAL).is_file():
         record_run(folder, config, command)
         train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 SCRIPTS = {"jansen-env": jansen_env, "jansen-workshop": jansen_workshop}
 PATTERNS = ("*.md", "*/README.md", "workshop/*/README.md", "docs/**/*.md", ".github/**/*.md")
 PAGES = sorted(path for pattern in PATTERNS for path in ROOT.glob(pattern))
-SLOW = {"export", "loads", "policies", "predictions", "training"}
+SLOW = {"export", "judging", "loads", "policies", "predictions", "training"}
 """Pages whose Python takes more than a second."""
 IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 NOW = [page for page in PAGES if page.name != "CHANGELOG.md"]  # pages of what is, not of what was

@@ -1,6 +1,6 @@
 """Which algorithm learns to walk best with the same budget and the same number of trials?
 
-Run the experiment as follows. It takes about three hours of one core.
+Run the experiment as follows. It takes about three and a half hours of one core.
 
     python experiments/algorithms.py [--workers 2] [--only COMPARISON] [--logs logs/algorithms]
 
@@ -433,7 +433,7 @@ def row(algo: str, runs: list[dict[str, Any]], config: dict[str, Any]) -> list[s
         algo.upper(),
         str(len(own)),
         f"{np.mean([run['trained'] for run in own]):,.0f}",
-        f"{updates(RunConfig(**config)):.3g}",
+        np.format_float_positional(updates(RunConfig(**config)), 3, fractional=False, trim="-"),
         f"{min(seconds):.0f} to {max(seconds):.0f}",
         *(f"{value:.0f}" for value in (returns.mean(), returns.min(), returns.max())),
         f"{np.mean([run['success'] for run in own]):.2f}",

@@ -27,6 +27,7 @@ RESULTS = Path(__file__).parents[1] / "results"
 NAMES = ("terrain", "robust")  # tracks of which success is the primary metric
 IDLE = ("random", "stand")  # these do not walk, so their order says nothing
 ERRORS = 2.0  # number of standard errors by which the successes of a pair differ at least
+COMPARABLE = 0.5  # largest difference of comparable loads, as a multiple of the weight
 
 
 def significant(one: Array, other: Array, weights: Array) -> bool:
@@ -77,6 +78,12 @@ def ordered_alike(policies: dict[str, dict[str, float]], pair: tuple[str, str]) 
     return (one["success"] > other["success"]) == (one["return"] > other["return"])
 
 
+def comparable(policies: dict[str, dict[str, float]], pair: tuple[str, str]) -> bool:
+    """Return whether the loads of a pair are comparable."""
+    one, other = (policies[name]["load"] for name in pair)
+    return abs(one - other) <= COMPARABLE
+
+
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """Return the tables of the page: counts of pairs, and the pairs with different orders.
 
@@ -88,6 +95,8 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
         "policies",
         "pairs that differ in success",
         "of these, ordered alike by return",
+        "pairs with comparable loads",
+        "of these, ordered alike",
         "rank correlation of return and success",
     ]
     rows, exceptions = [], []
@@ -97,10 +106,14 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
             [scores[metric] for scores in policies.values()] for metric in ("success", "return")
         )
         alike = [ordered_alike(policies, pair) for pair in found["differ"]]
+        near = [
+            same
+            for pair, same in zip(found["differ"], alike, strict=True)
+            if comparable(policies, pair)
+        ]
+        counts = [len(policies), len(alike), sum(alike), len(near), sum(near)]
         correlation = spearmanr(success, returns).statistic
-        rows.append(
-            [track, str(len(policies)), str(len(alike)), str(sum(alike)), f"{correlation:.2f}"]
-        )
+        rows.append([track, *(str(count) for count in counts), f"{correlation:.2f}"])
         for pair, same in zip(found["differ"], alike, strict=True):
             if not same:
                 cells = [

@@ -286,15 +286,13 @@ def points_per_mm(axes: Axes, width: float, height: float) -> float:
         width: Width of what is drawn, in mm.
         height: Height of what is drawn, in mm.
     """
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    across, up = figure.get_size_inches()
-    box = axes.get_position()
-    return 72.0 * min(box.width * across / width, box.height * up / height) / 1.1  # with margins
+    points_per_pixel = 72.0 / axes.figure.dpi
+    pixels_per_mm = min(axes.bbox.width / width, axes.bbox.height / height)
+    return points_per_pixel * pixels_per_mm / 1.1  # with margins
 
 
 def spread(places: Sequence[float], least: float) -> list[float]:
-    """Return places for labels: as near to their targets as a distance between labels allows.
+    """Return places for labels that keep a distance, and whose mean is that of their targets.
 
     Args:
         places: Targets, in ascending order.

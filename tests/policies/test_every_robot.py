@@ -68,7 +68,7 @@ def test_the_weekend_robot_is_no_longer_wrong_by_four():
     robot = ROBOTS["weekend"]()
     known = {"friction": np.full(4, 0.8), "start": np.linspace(0.0, 2.4, 4)}
     cost = {
-        pid: predict.measure([robot] * 4, known, 4.0, pid)["cost_of_transport"].mean()
+        pid: walking_copies.measure([robot] * 4, known, 4.0, pid)["cost_of_transport"].mean()
         for pid in (PAPER_PID, tuned.gains_of(robot, "steady"))
     }
     assert cost[PAPER_PID] > 2.0

@@ -80,14 +80,14 @@ def changes_by_play(
         )
         seen, _ = before.reset(seed=0, options={"crank_angle": float(known["start"][i])})
         seen, memory, _ = _walk(before, pid, seen, None, SETTLING)
-        for which, clearance in enumerate((0.0, play)):
+        for column, clearance in enumerate((0.0, play)):
             after = _made({**arguments, **BACKEND, "joint_play": clearance})
             after.reset(seed=0)
             after.set_state(before.get_state())
             begun, carried, _ = _walk(after, pid, seen, memory, AGAIN, advance)
             measured = _measured(after, pid, begun, carried, speed, advance)
             for name, value in measured.items():
-                found.setdefault(name, Change([], []))[which].append(float(value))
+                found.setdefault(name, Change([], []))[column].append(float(value))
     return found
 
 

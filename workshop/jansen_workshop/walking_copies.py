@@ -272,7 +272,7 @@ def check_walks(way: Array, speed: float) -> None:
     """
     if (still := np.abs(way) <= MIN_DISTANCE).any():
         raise ValueError(
-            f"every copy of the robot must walk, because work and slip are measured per metre, got "
+            "every copy of the robot must walk, because work and slip are measured per metre, got "
             f"{still.sum()} of {len(way)} that stand still at a crank speed of {speed} rad/s"
         )
 

@@ -19,7 +19,8 @@ Each configuration trains on the seeds 1, 2 and so on, and the benchmark scores 
 each run. The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
 the hyperparameters ``agents/studies/equal/ALGORITHM_COMPARISON.yml``, and
 docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist in the folder of
-the runs are left out, so that the experiment can be interrupted.
+the runs are left out, so that the experiment can be interrupted. Files are found by their names
+alone. To tune the algorithms again, or to change a range, begin with an empty folder of the runs.
 """
 
 import argparse
@@ -59,6 +60,7 @@ from jansen_env.scoring.rollout import make_env
 ROOT = Path(__file__).parents[1]
 DATA, PAGE = "algorithms/algorithms.json", "studies.md"
 ALGORITHMS = ("ppo", "sac", "tqc", "ars")
+DEFAULT = "default"  # name of the budget with the hyperparameters of the library
 TRIALS = 5  # per algorithm
 FEATURES = {"normalize": True, "harmonics": 4, "half_turn": True}
 """Features of the observations, which all networks get."""
@@ -75,9 +77,6 @@ SCORES = [
     "load (weights)",
 ]
 PAIRS = ["track and budget", "first", "second", "probability that the first is better", "p"]
-
-
-DEFAULT = "default"  # name of the budget with the hyperparameters of the library
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,12 @@ def drawn(algo: str, trial: int, few_steps: bool) -> RunConfig:
 
 
 def hyperparameter(config: RunConfig, name: str) -> Any:
-    """Return a hyperparameter; the default of the library if the configuration has no value."""
+    """Return a hyperparameter; the default of the library if the configuration has no value.
+
+    Args:
+        config: The configuration.
+        name: Name of the hyperparameter.
+    """
     parameters = inspect.signature(CLASSES[config.algo]).parameters
     return config.hyperparameters.get(name, parameters[name].default)
 

@@ -12,9 +12,8 @@ walk begins on the fast projection plant, without play, and continues on the rig
 it is steady. Some of the walks under the policy are repeated with half the time step. The policy
 also walks in short episodes, whose return is measured. The script prints a table per controller,
 one of the halved time step and one of the episodes, and writes ``joint_play.json`` and
-``joint_play.png``.
-The page docs/joint_play.md contains the tables and the figure, and ``joint_play.json`` contains the
-data. The run takes about 25 minutes of processor time.
+``joint_play.png``. The page docs/joint_play.md contains the tables and the figure, and
+``joint_play.json`` contains the data. The run takes about 25 minutes of processor time.
 """
 
 import math
@@ -39,7 +38,7 @@ CONTROLLERS = ("policy", "pid")
 CASES = ((0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.0, 1.0))
 """Radial play in mm, and backlash in degrees."""
 SEEDS = (0, 1)  # seeds of the initial states
-TIME_STEP = 1e3 * PLAY_TIME_STEP  # time step of all walks on the rigid-body plant, in ms
+TIME_STEP = 1e3 * PLAY_TIME_STEP  # usual time step of the rigid-body plant, in ms
 HALVED = ((0.0, 0.0), (0.5, 0.0), (0.0, 1.0))
 """Radial play in mm, and backlash in degrees, of the walks with half the time step."""
 HALVED_COMMAND = 0.3  # command of these walks, in m/s
@@ -174,7 +173,7 @@ def measure(turns: float) -> list[dict[str, Any]]:
 def walk_episodes(turns: float) -> list[dict[str, Any]]:
     """Return the metrics of the policy in short episodes from the same initial states.
 
-    A time step of the projection plant is that of the environment.
+    The projection plant has the time step of the environment.
 
     Args:
         turns: Length of an episode, in multiples of :data:`STEPS_PER_TURN` control steps.
@@ -246,7 +245,11 @@ def table(walks: list[dict[str, Any]], controller: str) -> str:
 
 
 def step_table(walks: list[dict[str, Any]]) -> str:
-    """Return the table of the walks that were repeated with half the time step."""
+    """Return the table of the walks with half the time step, beside those with the usual one.
+
+    Args:
+        walks: All walks, as returned by :func:`measure`.
+    """
     headings = ["play (mm)", "backlash (degrees)", "seed", "time step (ms)"]
     headings += [heading for heading, _ in COLUMNS.values()]
     lines = ["| " + " | ".join(headings) + " |", "|" + " ---: |" * len(headings)]

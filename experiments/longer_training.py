@@ -84,7 +84,9 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
 def mean_and_range(values: list[float | None], decimals: int) -> str:
     """Return a cell with a mean, the lowest and the highest value.
 
-    Slip and cost are None for a robot that did not walk.
+    Args:
+        values: Value of each seed. Slip and cost are None for a robot that did not walk.
+        decimals: Number of decimals.
     """
     known = [value for value in values if value is not None]
     if not known:

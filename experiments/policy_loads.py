@@ -102,7 +102,13 @@ def walk(env: JansenWalkerEnv, policy: Policy, command: float, seed: int) -> dic
 
 
 def measure(name: str, command: float, walks: int) -> dict[str, list[float]]:
-    """Return the values of all walks of a policy at one command, by name."""
+    """Return the values of all walks of a policy at one command, by name.
+
+    Args:
+        name: Name of the pretrained policy.
+        command: Commanded speed, in m/s.
+        walks: Number of walks, each with its own seed.
+    """
     policy = pretrained.load(ENV, name)
     env = gym.make(ENV, **policy.env_kwargs, time_step=TIME_STEP)
     found = [
@@ -113,7 +119,11 @@ def measure(name: str, command: float, walks: int) -> dict[str, list[float]]:
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
-    """Return the table of the page: the worst values by policy and command."""
+    """Return the table of the page: the worst values by policy and command.
+
+    Args:
+        results: Values of all walks by policy and command.
+    """
     head = [
         "policy",
         "command (m/s)",

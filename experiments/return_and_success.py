@@ -79,7 +79,12 @@ def ordered_alike(policies: dict[str, dict[str, float]], pair: tuple[str, str]) 
 
 
 def comparable(policies: dict[str, dict[str, float]], pair: tuple[str, str]) -> bool:
-    """Return whether the loads of a pair are comparable."""
+    """Return whether the loads of a pair differ by at most :data:`COMPARABLE`.
+
+    Args:
+        policies: Scores of all policies by name.
+        pair: Names of the two policies.
+    """
     one, other = (policies[name]["load"] for name in pair)
     return abs(one - other) <= COMPARABLE
 

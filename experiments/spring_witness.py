@@ -28,8 +28,8 @@ from jansen_env.tasks.walking.tuned import gains_of
 DATA, PAGE = "springs/witness.json", "springs.md"
 SPEED, FRICTION = 0.3, 0.8  # m/s; friction coefficient of the ground
 STARTS = (0.0, 1.0)  # initial crank angles, in rad
-MANY, MANY_STARTS = "projection, 12 walks", tuple((np.pi / 12 * np.arange(12)).round(4).tolist())
-"""Name of the walks from more initial crank angles, and these angles, in rad."""
+MANY = "projection, 12 walks"  # name of the walks from more initial crank angles
+MANY_STARTS = tuple((np.pi / 12 * np.arange(12)).round(4).tolist())  # these angles, in rad
 METRICS = {"speed": 3, "slip": 3, "rms_torque": 2, "peak_torque": 2, "cost_of_transport": 3}
 """Metrics, and the number of decimals in the table."""
 CHANGED = ("rms_torque", "peak_torque", "cost_of_transport")

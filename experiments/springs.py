@@ -393,7 +393,11 @@ def spring_table(results: dict[str, Any]) -> str:
 
 
 def window_table(results: dict[str, Any]) -> str:
-    """Return the table of the torques at constant crank speed for each window."""
+    """Return the table of the torques at constant crank speed for each window.
+
+    Args:
+        results: Robots and their springs, as returned by :func:`measure`.
+    """
     rows = [
         [
             f"`{name}`",

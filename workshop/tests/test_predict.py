@@ -75,6 +75,22 @@ def test_the_effect_of_play_is_reported(monkeypatch, tmp_path, capsys):
     assert "change by play" in capsys.readouterr().out
 
 
+def test_predictions_are_kept_if_a_copy_with_play_stands_still(monkeypatch, tmp_path, capsys):
+    def refuse(*arguments):
+        raise ValueError("a copy stands still")
+
+    row = {"low": 0.1, "median": 0.2, "high": 0.3, "sources": {}}
+    monkeypatch.setattr(predict, "predict", lambda *arguments: {"speed": row})
+    monkeypatch.setattr(play_effect, "changes_by_play", refuse)
+    out = tmp_path / "economy.json"
+    arguments = ["--speeds", "4", "--joint-play", "0.0003", "--out", str(out)]
+    with pytest.raises(SystemExit):
+        predict.main(["economy", *arguments])
+    assert "joint_play" not in json.loads(out.read_text())
+    printed = capsys.readouterr()
+    assert "speed (m/s)" in printed.out and "a copy stands still" in printed.err
+
+
 def test_changes_are_listed_beside_the_predicted_band():
     changes = {"speed": play_effect.Change([0.2, 0.4], [0.21, 0.38])}
     table = play_effect.table(changes, {"speed": {"low": 0.1, "high": 0.25}})

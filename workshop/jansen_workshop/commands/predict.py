@@ -8,6 +8,7 @@ also walk with play in their pins.
 import argparse
 import json
 from dataclasses import astuple
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,6 @@ def main(arguments: list[str] | None = None) -> None:
         arguments: Arguments of the command. None selects those of the process.
     """
     args = _parse(arguments)
-    changes = {}
     with args.parser.refusing():
         robot = _checked_robot(args)
         seconds = sum(simulated_time(robot, speed) for speed in args.speeds)
@@ -96,41 +96,47 @@ def main(arguments: list[str] | None = None) -> None:
             predictions = {
                 f"{speed:g}": predict(robot, speed, args.copies, advance) for speed in args.speeds
             }
-        if args.joint_play:
-            seconds = sum(map(play_effect.simulated_time, args.speeds))
-            walkers = f"{play_effect.COPIES} copies walk with and without play"
-            with progress(walkers, seconds) as advance:
-                changes = {
-                    f"{speed:g}": play_effect.changes_by_play(
-                        robot, speed, args.joint_play, advance
-                    )
-                    for speed in args.speeds
-                }
         gains = gains_of(robot, "steady")
-        if args.out is not None:
-            content = {
-                "format": "jansen_env predictions 1",
-                "robot": args.robot,
-                "version": __version__,
-                "copies": args.copies,
-                "gains": [*astuple(gains)],
-                "within": WITHIN,
-                "crank_speed": predictions,
-            }
-            if changes:
-                by_name = {
-                    speed: {name: change._asdict() for name, change in by.items()}
-                    for speed, by in changes.items()
-                }
-                content["joint_play"] = {"play": args.joint_play, "crank_speed": by_name}
-            write_text(args.out, json.dumps(content, indent=1) + "\n")
+        content = {
+            "format": "jansen_env predictions 1",
+            "robot": args.robot,
+            "version": __version__,
+            "copies": args.copies,
+            "gains": [*astuple(gains)],
+            "within": WITHIN,
+            "crank_speed": predictions,
+        }
+        _write(args.out, content)
     kp, ki, kd = astuple(gains)
     print(f"{args.robot}, PID of {kp:.3g} N m/rad, {ki:.3g} N m/(rad s), {kd:.3g} N m s/rad")
     for speed, quantities in predictions.items():
         print(f"\ncrank at {speed} rad/s\n\n{table(quantities)}")
-        if speed in changes:
-            print(f"\njoint play of {args.joint_play} m, crank at {speed} rad/s\n")
-            print(play_effect.table(changes[speed], quantities))
+    if not args.joint_play:
+        return
+    # The predictions are kept if a copy with play does not walk.
+    with args.parser.refusing():
+        seconds = sum(map(play_effect.simulated_time, args.speeds))
+        walkers = f"{play_effect.COPIES} copies walk with and without play"
+        with progress(walkers, seconds) as advance:
+            changes = {
+                f"{speed:g}": play_effect.changes_by_play(robot, speed, args.joint_play, advance)
+                for speed in args.speeds
+            }
+        by_name = {
+            speed: {name: change._asdict() for name, change in by.items()}
+            for speed, by in changes.items()
+        }
+        content["joint_play"] = {"play": args.joint_play, "crank_speed": by_name}
+        _write(args.out, content)
+    for speed, by in changes.items():
+        print(f"\njoint play of {args.joint_play} m, crank at {speed} rad/s\n")
+        print(play_effect.table(by, predictions[speed]))
+
+
+def _write(path: Path | None, content: dict[str, Any]) -> None:
+    """Write predictions to a JSON file, if there is a path."""
+    if path is not None:
+        write_text(path, json.dumps(content, indent=1) + "\n")
 
 
 def _checked_robot(args: argparse.Namespace) -> Robot:

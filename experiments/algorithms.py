@@ -346,15 +346,24 @@ def train_and_score(
         comparison: Comparison to which the run belongs.
         logs: Folder of the runs.
         results: Folder of the result files.
+
+    Raises:
+        ValueError: If the run exists, but with other hyperparameters.
     """
     torch.set_num_threads(1)
     track = TRACKS[comparison.track]
     name = f"{config.algo}_{comparison.name}_{config.seed}"
     note = logs / f"{name}.yml"
     file = results / f"{name}.json"
-    if note.exists() and file.exists():
-        return yaml.safe_load(note.read_text(encoding="utf-8"))
     folder = logs / name
+    if note.exists() and file.exists():
+        # The number of steps follows from a measured time, which differs from computer to computer.
+        kept = replace(load_config(folder / "config.yml"), timesteps=config.timesteps)
+        if kept != config:
+            raise ValueError(
+                f"{folder} must have the best hyperparameters, got others: remove {note}"
+            )
+        return yaml.safe_load(note.read_text(encoding="utf-8"))
     seconds, trained = learn(config, config.timesteps, folder)
     with closing(track.make_env()) as env:
         policy = load_named(str(folder / FINAL), env)

@@ -58,13 +58,22 @@ def train_run(folder: Path, config: RunConfig, command: str) -> Path:
         folder: Folder of the run.
         config: Configuration of the run.
         command: Command that started the experiment.
+
+    Raises:
+        ValueError: If the folder contains a finished run with another configuration.
     """
     from agents.training.runs import FINAL, record_run
     from agents.training.train_model import prepare, train
+    from jansen_env.sb3.run_config import load_config
 
     if not (folder / FINAL).is_file():
         record_run(folder, config, command)
         train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
+    elif load_config(folder / "config.yml") != config:
+        raise ValueError(
+            f"{folder} must be a run with the present configuration, got another configuration: "
+            "remove it"
+        )
     return folder / FINAL
 
 

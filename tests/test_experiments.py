@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jansen_env.robot import ROBOTS
-from jansen_env.robot.robot_file import read_robot, write_robot
+from jansen_env.robot.robot_file import read_robot
 
 ROOT = Path(__file__).parents[1]
 SCRIPTS = {
@@ -123,18 +123,28 @@ def test_the_page_about_springs_shows_the_scores_of_trained_policies() -> None:
         assert table in page
 
 
-def test_a_policy_of_another_robot_is_refused(tmp_path: Path) -> None:
+def test_a_policy_of_another_robot_or_configuration_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The experiment neither uses the policy nor replaces the description of its robot."""
     pytest.importorskip("stable_baselines3")
+    train_model = import_module("agents.training.train_model")
     trained = import_module("trained_policies")
+
+    def train(model: None, config: object, folder: Path, **options: object) -> None:
+        (folder / "final_model.zip").touch()
+
+    monkeypatch.setattr(train_model, "prepare", lambda config: None)
+    monkeypatch.setattr(train_model, "train", train)
     folder = tmp_path / "run"
-    folder.mkdir()
-    write_robot(folder / "robot.json", ROBOTS["stroller"]())
-    (folder / "final_model.zip").touch()
+    stroller = ROBOTS["stroller"]()
+    file = trained.train_policy(folder, stroller, 0, "", quick=False)
+    assert trained.train_policy(folder, stroller, 0, "", quick=False) == file
     with pytest.raises(ValueError, match="must be the robot of this run"):
         trained.train_policy(folder, ROBOTS["built"](), 0, "", quick=False)
-    assert read_robot(folder / "robot.json") == ROBOTS["stroller"]()
-    assert trained.train_policy(folder, ROBOTS["stroller"](), 0, "", quick=False).parent == folder
+    assert read_robot(folder / "robot.json") == stroller
+    with pytest.raises(ValueError, match="must be a run with the present configuration"):
+        trained.train_policy(folder, stroller, 1, "", quick=False)
 
 
 def test_a_metric_that_no_episode_has_is_called_none() -> None:

@@ -19,8 +19,8 @@ Each configuration trains on the seeds 1, 2 and so on, and the benchmark scores 
 each run. The script writes a result file ``results/ALGORITHM_COMPARISON_SEED.json`` for each run,
 the hyperparameters ``agents/studies/equal/ALGORITHM_COMPARISON.yml``, and
 docs/algorithms/algorithms.json with all trials and runs. Jobs whose files exist in the folder of
-the runs are left out, so that the experiment can be interrupted. Files are found by their names
-alone. To tune the algorithms again, or to change a range, begin with an empty folder of the runs.
+the runs are left out, so that the experiment can be interrupted. A finished run with other
+hyperparameters is refused. To tune the algorithms again, begin with an empty folder of the runs.
 """
 
 import argparse

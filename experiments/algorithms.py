@@ -1,6 +1,6 @@
 """Which algorithm learns to walk best with the same budget and the same number of trials?
 
-Run the experiment as follows. It takes about three and a half hours of one core.
+Run the experiment as follows. It takes about four hours of one core.
 
     python experiments/algorithms.py [--workers 2] [--only COMPARISON] [--logs logs/algorithms]
 
@@ -116,7 +116,7 @@ class Comparison:
 
 COMPARISONS = (
     Comparison("90s", "flat", 10, tuned=True),
-    Comparison("200k", "flat", 5, ("ppo", "sac", "ars"), steps=200_000, tuned=True),
+    Comparison("200k", "flat", 10, ("ppo", "sac", "ars"), steps=200_000, tuned=True),
     Comparison(DEFAULT, "flat", 5, ("ppo", "sac")),
     Comparison("90s", "terrain", 5, ("ppo", "sac")),
     Comparison("90s", "robust", 5, ("ppo", "sac")),

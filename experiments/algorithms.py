@@ -303,9 +303,10 @@ def best_config(algo: str, comparison: Comparison, trials: list[dict[str, Any]])
 
 
 def untuned_config(algo: str, comparison: Comparison, logs: Path, chosen: Path) -> RunConfig:
-    """Return a configuration without trials of its own, with the number of steps of a run.
+    """Return the configuration of a comparison that is not tuned.
 
-    It has the hyperparameters that were tuned on flat ground, or those of the library.
+    It has the hyperparameters that were tuned on flat ground, or those of the library. Its number
+    of steps takes the processor time of the comparison.
 
     Args:
         algo: Name of the algorithm.

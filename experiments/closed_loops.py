@@ -130,7 +130,7 @@ class Machine(Protocol):
     """CPU time of all steps so far, in s."""
 
     quick: bool
-    """Whether a step takes so little CPU time that measuring gap and energy would distort it.
+    """Whether a step is so fast that measuring the gap and the energy would distort its CPU time.
 
     If it does, the CPU time is measured in separate runs.
     """

@@ -9,23 +9,19 @@ each walk to ``docs/judging/policy_loads.json``, and the worst values of all wal
 docs/judging.md.
 """
 
-import math
 import sys
 from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 from pages import options, publish, table
 
+from agents.design.measures import rod_safety
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.trace import trace_forces
 from jansen_env.policies import pretrained
 from jansen_env.policies.policy import Policy
-from jansen_env.robot import Bar, Robot
-from jansen_env.robot import buildable as built
-from jansen_env.robot.linkage import CRANK
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 
 DATA, PAGE = "judging/policy_loads.json", "judging.md"
@@ -42,25 +38,6 @@ SECONDS = 6.0  # duration of a walk
 HARDEST = 2  # number of time steps per control step, those with the largest impulses, for the rods
 WORST = {"load": max, "shear": max, "rod_safety": min, "rms_torque": max}
 """Values of a walk, and the function that selects the worst one."""
-
-
-def rod_safety(robot: Robot, trace: NDArray[np.void]) -> float:
-    """Return the smallest safety factor of a bar against buckling.
-
-    Args:
-        robot: The robot that walked.
-        trace: Trace of the time steps to examine; see :mod:`jansen_env.plants.trace`.
-    """
-    axial = trace_forces(compile_robot(robot), trace, TIME_STEP).link_loads()[..., 0]
-    safety = math.inf
-    for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
-        if isinstance(link, Bar) and body > CRANK:
-            ends = [k for k, (b, _) in enumerate(robot.linkage.corners) if b == body]
-            push = -float(axial[..., ends].mean(axis=-1).min())
-            bearable = built.buckling_load(link.length, built.bar_thickness(name))
-            if push > 0.0:
-                safety = min(safety, bearable / push)
-    return safety
 
 
 def walk(env: JansenWalkerEnv, policy: Policy, command: float, seed: int) -> dict[str, float]:
@@ -92,10 +69,11 @@ def walk(env: JansenWalkerEnv, policy: Policy, command: float, seed: int) -> dic
         torques.append(info["crank_torque"])
         if fell:
             break
+    forces = trace_forces(compile_robot(env.robot), np.concatenate(hardest), TIME_STEP)
     return {
         "load": float(impulses[1]) / TIME_STEP,
         "shear": float(impulses[0]) / TIME_STEP,
-        "rod_safety": rod_safety(env.robot, np.concatenate(hardest)),
+        "rod_safety": rod_safety(env.robot, forces),
         "rms_torque": float(np.sqrt(np.mean(np.square(torques)))),
         "fell": float(fell),
     }

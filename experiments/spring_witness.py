@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from mujoco_backend import MujocoPlant
 from pages import DOCS, options, publish, table
+from springs import STARTS as MANY_STARTS
 from walks import walk
 
 from jansen_env import ROBOTS, Robot, Terrain
@@ -29,7 +30,6 @@ DATA, PAGE = "springs/witness.json", "springs.md"
 SPEED, FRICTION = 0.3, 0.8  # m/s; friction coefficient of the ground
 STARTS = (0.0, 1.0)  # initial crank angles, in rad
 MANY = "projection, 12 walks"  # name of the walks from more initial crank angles
-MANY_STARTS = tuple((np.pi / 12 * np.arange(12)).round(4).tolist())  # these angles, in rad
 METRICS = {"speed": 3, "slip": 3, "rms_torque": 2, "peak_torque": 2, "cost_of_transport": 3}
 """Metrics, and the number of decimals in the table."""
 CHANGED = ("rms_torque", "peak_torque", "cost_of_transport")

@@ -14,6 +14,7 @@ from agents import need_workshop
 from agents.design.variables import Candidate
 from jansen_env.arrays import Array
 from jansen_env.dynamics.gravity import GRAVITY
+from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import CONVERGED, compile_robot
 from jansen_env.engine.walk_reward import ENOUGH
 from jansen_env.plants.base import static_deflection
@@ -293,7 +294,23 @@ def loads_of_walk(
     work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
     walked = float(trace["pose"][-1, 0] - trace["pose"][0, 0])
     peak = trace_forces(tables, hardest, time_step)
-    axial = peak.link_loads()[..., 0]
+    return {
+        "wear": work / walked if walked > least else math.nan,
+        "pin_force": float(peak.magnitude.max()),
+        "rod_safety": rod_safety(robot, peak),
+    }
+
+
+def rod_safety(robot: Robot, forces: JointForces) -> float:
+    """Return the smallest safety factor of an aluminium bar against buckling.
+
+    It is the buckling load divided by the largest compression.
+
+    Args:
+        robot: The robot that walked.
+        forces: Forces at the joints in the time steps to examine.
+    """
+    axial = forces.link_loads()[..., 0]
     safety = math.inf
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
         if isinstance(link, Bar) and body > CRANK:
@@ -301,11 +318,7 @@ def loads_of_walk(
             push = max(1e-9, -float(axial[..., ends].mean(axis=-1).min()))
             most = built.buckling_load(link.length, built.bar_thickness(name))
             safety = min(safety, most / push)
-    return {
-        "wear": work / walked if walked > least else math.nan,
-        "pin_force": float(peak.magnitude.max()),
-        "rod_safety": safety,
-    }
+    return safety
 
 
 def geometry_measures(robot: Robot) -> dict[str, float]:

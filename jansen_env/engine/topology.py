@@ -28,7 +28,7 @@ KNOWN = "of the frame, of the crank or of a body of an earlier dyad"
 """Description of the joints whose positions are known when a dyad is computed."""
 
 LINKAGE_FAULTS = (
-    ("bodies", "a body that has as many joints as its link, and only joints of the linkage"),
+    ("bodies", "a body with the same number of joints as its link, all of them of the linkage"),
     ("bodies", "the crank, whose first joint must be a joint of the frame"),
     ("toes", "a joint of the linkage that is not already a toe"),
     (

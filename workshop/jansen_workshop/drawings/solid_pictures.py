@@ -265,11 +265,12 @@ def draw_foot(assembly: Assembly, numbers: Numbers, axes: Axes) -> None:
     turn = -1j / toe_way(part, first.joint)
     radius = 1e3 * assembly.build.foot_radius
     tops = [turn * (np.array(each.outline.polygon) - toe) for each in solids[1:]]
-    height = 0.2 * radius + max(float(rim.imag.max()) for rim in tops)  # of what is drawn
+    # Height up to which the foot is drawn, in mm.
+    height = 0.2 * radius + max(float(rim.imag.max()) for rim in tops)
     front = 1j * (height + 2.2 * radius)  # position of the front view
     middle = 0.5 * (min(each.low for each in solids) + max(each.high for each in solids))
 
-    blocks = []  # of the front view
+    blocks = []  # pieces in the front view
     for solid in sorted(solids, key=lambda each: -each.low):  # the farthest first
         shapes = [solid.outline, *(cavity.outline for cavity in solid.cavities)]
         rims = [_below(turn * (np.array(shape.polygon) - toe), height) for shape in shapes]

@@ -236,7 +236,8 @@ def _reproduce(published: Result, chosen: Sequence[str] | None) -> None:
             same = equal[TRACKS[track].episodes.part == index]
             failed |= part.exact and not same.all()
             note = "" if part.exact else " (may differ between machines)"
-            print(f"{track}, {part.name}: {same.sum()} of {len(same)} episodes equal{note}")
+            where = track if part.name == track else f"{track}, {part.name}"
+            print(f"{where}: {same.sum()} of {len(same)} episodes equal{note}")
     if failed:
         raise SystemExit(1)
 

@@ -33,7 +33,6 @@ from jansen_env.scoring.evaluation import Scores, evaluate
 from jansen_env.scoring.metrics import INTERVALS, interval_text, score_table, screen_table
 from jansen_env.scoring.rollout import Advance, EnvKwargs, Options, make_env, no_progress
 
-WRITTEN_NOWHERE = "--all prints them, --out DIR writes them"
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 STIFFNESSES = (10, 20, 50, 100, 200, 500, math.inf)  # kN/m
 # Names of the sweeps.
@@ -143,8 +142,9 @@ def main(arguments: list[str] | None = None) -> None:
             check_writable("--out", out)  # checked before the long computation
         text = _sweep(args, loaded) if args.sweep else _scores(args, loaded)
     intervals = f"{fill(INTERVALS, 80)}\n" if args.all else ""
-    where = f"{out}/{name}.md, {name}.json, {name}.png" if out else WRITTEN_NOWHERE
-    print(f"{text}\n\n{intervals}all scores: {where}")
+    where = f"{out}/{name}.md, {name}.json, {name}.png" if out else "--out DIR writes them"
+    hint = "" if args.all or out else "--all prints them, "
+    print(f"{text}\n\n{intervals}all scores: {hint}{where}")
 
 
 def _scores(args: argparse.Namespace, loaded: Loaded) -> str:

@@ -187,7 +187,7 @@ WALKER = Benchmark(
         "start_lag": Metric(f"behind the command {LATER}", "m", _start_lag, axis=""),
         "success": Metric("success", "fraction", mean_of("success"), axis="fraction"),
         "falls": Metric("falls", "fraction", mean_of("fell"), axis="fraction"),
-        "unsupported": Metric("unsupported", "share of time", _unsupported),
+        "unsupported": Metric("unsupported", "fraction of time", _unsupported),
         "load": Metric("ground load, 99th percentile", "weights", mean_of("load")),
         "peak_load": Metric("largest ground load", "weights", mean_of("peak_load"), axis=""),
         "peak_torque": Metric("peak torque", "N m", mean_of("peak_torque"), axis=""),

@@ -5,11 +5,11 @@ Run the experiment as follows. The defaults are 64 episodes per command and the 
     python experiments/legs.py [EPISODES] [FOLDER]
 
 Robots with the parts of ``built`` and 4, 6, 8 or 12 legs walk at five commands, each under its
-pretrained policy and under a PID. In addition, robots whose links are lighter, so that the whole
-robot has the mass of the one with four legs, walk under the same policies. The script prints a
-table per metric and writes ``legs.json`` and ``legs.png``. The page docs/legs.md contains the
-tables and the figure, and ``legs.json`` contains the data. The run takes about a minute on two
-cores.
+pretrained policy and under a PID that was tuned for it. In addition, robots whose links are
+lighter, so that the whole robot has the mass of the one with four legs, walk under the same
+policies. The script prints a table per metric and writes ``legs.json`` and ``legs.png``. The page
+docs/legs.md contains the tables and the figure, and ``legs.json`` contains the data. The run takes
+about a minute on two cores.
 """
 
 import sys
@@ -29,6 +29,7 @@ ENV = "JansenWalkerBuilt-v0"
 COMMANDS = (0.1, 0.2, 0.3, 0.5, 0.8)
 POLICIES = {4: "ppo", 6: "six_legs", 8: "eight_legs", 12: "twelve_legs"}
 METRICS = {
+    "return": "return (of 500)",
     "unsupported": "unsupported (fraction of time)",
     "load": "load (multiple of the weight)",
     "steady_slip_per_metre": "slip (m/m)",
@@ -79,23 +80,26 @@ def measure(episodes: int) -> dict[str, dict[str, dict[str, list[float]]]]:
             by_command = scores[controller]["by_command"]
             results[controller][str(legs)] = {
                 metric: [round(value, 4) for value in by_command[metric]["value"]]
-                for metric in ("return", *METRICS)
+                for metric in METRICS
             }
     return results
 
 
 def draw(results: dict[str, dict[str, dict[str, list[float]]]], path: Path) -> None:
     """Draw the metrics of the policies against the commanded speed."""
-    figure, axes = plt.subplots(2, 2, figsize=(6.0, 5.4), sharex=True, layout="constrained")
-    for axis, metric in zip(axes.flat, METRICS, strict=True):
+    figure, axes = plt.subplots(3, 2, figsize=(6.0, 7.8), sharex=True, layout="constrained")
+    *panels, corner = axes.flat
+    for axis, metric in zip(panels, METRICS, strict=True):
         for legs, values in results["policy"].items():
             axis.plot(COMMANDS, values[metric], "o-", label=f"{legs} legs")
         axis.set_ylabel(METRICS[metric])
         axis.set_ylim(bottom=0.0)
         axis.grid(alpha=0.3)
-    for axis in axes[1]:
+    for axis in panels[-2:]:
         axis.set_xlabel("commanded speed (m/s)")
-    axes[0, 0].legend()
+        axis.tick_params(labelbottom=True)
+    corner.axis("off")
+    corner.legend(*panels[0].get_legend_handles_labels(), loc="center")
     figure.savefig(path, dpi=140)
 
 
@@ -109,7 +113,8 @@ def table(results: dict[str, dict[str, dict[str, list[float]]]], metric: str) ->
         for controller, by_legs in results.items():
             if legs not in by_legs:
                 continue
-            cells = " | ".join(f"{value:.2f}" for value in by_legs[legs][metric])
+            digits = 0 if metric == "return" else 2
+            cells = " | ".join(f"{value:.{digits}f}" for value in by_legs[legs][metric])
             lines.append(f"| {legs} | {controller} | {cells} |")
     return "\n".join(lines)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+from docutils import nodes
 from sphinx.application import Sphinx
 from tabulate import tabulate
 
@@ -143,8 +144,23 @@ def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
     return link or content
 
 
+UNIT = re.compile(
+    r"(?<=\d) (?=(?:[kMG]?B|[km]?g|[kmµn]?m|[km]?N|[mµ]?s|W|J|V|A|rad|kPa|MPa)\b|%)|(?<=N) (?=m\b)"
+)
+"""The space between a number and its unit, or the one in N m."""
+
+
+def keep_units(app: Sphinx, document: nodes.document) -> None:
+    """Prevent line breaks between a number and its unit."""
+    verbatim = (nodes.literal, nodes.math, nodes.FixedTextElement)
+    for text in list(document.findall(nodes.Text)):
+        if not isinstance(text.parent, verbatim):
+            text.parent.replace(text, nodes.Text(UNIT.sub("\N{NO-BREAK SPACE}", text)))
+
+
 def setup(app: Sphinx) -> None:
     """Connect the functions of this file to the events of Sphinx."""
     app.connect("source-read", replace_comments)
+    app.connect("doctree-read", keep_units)
     app.connect("build-finished", write_pages)
     app.connect("missing-reference", find_reference)

@@ -145,7 +145,8 @@ def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
 
 
 UNIT = re.compile(
-    r"(?<=\d) (?=(?:[kMG]?B|[km]?g|[kmµn]?m|[km]?N|[mµ]?s|W|J|V|A|rad|kPa|MPa)\b|%)|(?<=N) (?=m\b)"
+    r"(?<=\d)\s(?=(?:[kMG]?B|[km]?g|[kmµn]?m|[km]?N|[mµ]?s|W|J|V|A|rad|kPa|MPa)\b|%)"
+    r"|(?<=N)\s(?=m\b)"
 )
 """The space between a number and its unit, or the one in N m."""
 

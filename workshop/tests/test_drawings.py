@@ -32,6 +32,7 @@ from jansen_env.scoring.rollout import make_env
 from jansen_workshop.commands import drawings as command
 from jansen_workshop.drawings import shaft_order
 from jansen_workshop.drawings.convex import Round, gap
+from jansen_workshop.drawings.holes import count_by_diameter, list_holes
 from jansen_workshop.drawings.instructions import Manual
 from jansen_workshop.drawings.manual_pages import LINES
 from jansen_workshop.drawings.materials import bill_of_materials, counts, stacks, to_csv
@@ -205,6 +206,31 @@ def test_plates_to_print_are_closed_and_have_their_volume(name):
         assert volume == pytest.approx(exact, rel=1e-3)
 
 
+def test_the_list_of_holes_has_every_hole_with_its_allowance():
+    """A bush of 8 mm for every link that turns; the weekend robot's screws turn in plain holes."""
+    for name, fit in (("built", (0.0, 0.0, 0.0)), ("weekend", (-0.05, 0.1, 0.2))):
+        robot = DESIGNS[name]
+        number = counts(robot)
+        parts = [part.with_fit(fit) for part in cut_parts(robot)]
+        lines = list_holes(parts, number, name == "built")
+        cut = sum(number[part.name] * len(part.holes) for part in parts)
+        assert sum(line.total for line in lines) == sum(count_by_diameter(lines).values()) == cut
+        assert [line.number for line in lines] == sorted(line.number for line in lines)
+        if name == "built":
+            assert count_by_diameter(lines)[8.0] == 36  # as many as bushes of 6 x 8 mm
+            assert {line.use for line in lines if line.diameter == 14.0} == {"bush"}
+        else:
+            (turning,) = (line for line in lines if line.name == "lower_rod")
+            assert turning[2:] == (3.15, "turning screw or shaft", 2, 4)
+
+
+def test_the_coupon_names_what_its_holes_are_for():
+    for build, names in ((built.ALUMINIUM, ["pin 6", "bush 8"]),
+                         (DESIGNS["weekend"].build, ["pin 3", "turns 3.2"])):  # fmt: skip
+        plate, *_ = coupon(3.0, build)
+        assert [text for text, *_ in plate.labels if text[0] not in "+-"] == names
+
+
 def test_the_coupon_finds_the_kerf():
     """A cut leaves pegs narrower and the slot wider; the widest that fits has the kerf's mark."""
     plate, *pegs = coupon(4.0)
@@ -285,7 +311,7 @@ def test_instructions_put_every_part_on_with_its_number_and_mass(name):
         heights = [row.item.z for row in stack.rows if row.item]
         assert heights == sorted(heights)
     pages = manual.to_pdf(name).count(b"/Type /Page ")
-    assert pages == len(steps) + 2 + math.ceil((len(order.parts) + 2) / LINES)
+    assert pages == len(steps) + 3 + math.ceil((len(order.parts) + 2) / LINES)
 
 
 @pytest.mark.slow
@@ -491,8 +517,8 @@ def test_files_are_the_same_every_time(tmp_path, capsys):
             texts = [b"".join(sorted(text.splitlines())) for text in texts]
         assert texts[0] == texts[1], file
     assert files >= {
-        "coupon.stl", "coupon.svg", "instructions.pdf", "materials.csv", "parts/foot.stl",
-        "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",
+        "coupon.stl", "coupon.svg", "holes.csv", "instructions.pdf", "materials.csv",
+        "parts/foot.stl", "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",
         "sheets/6mm_1.svg",
     }  # fmt: skip
     drawing = ezdxf.readfile(first / "sheets" / "6mm_1.dxf")

@@ -15,8 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from jansen_env.files.plain_yaml import read_yaml
+from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.linkage import CRANK, FRAME
-from jansen_workshop.drawings.manual_pages import Step, bill_figures, page_figure
+from jansen_workshop.drawings.holes import HoleLine, list_holes
+from jansen_workshop.drawings.manual_pages import Step, bill_figures, hole_figures, page_figure
 from jansen_workshop.drawings.materials import Row, Stack, counts, stacks
 from jansen_workshop.drawings.mount import units
 from jansen_workshop.drawings.order import Order
@@ -91,6 +93,10 @@ class Manual:
         The last step that has a mass has that of the whole machine.
         """
         return [self._flat_step(), *self._unit_steps(), *self._machine_steps(), self._last_step()]
+
+    def holes(self) -> list[HoleLine]:
+        """Return the list of the holes of all flat parts."""
+        return list_holes(self._flat, counts(self.robot), self.robot.build is ALUMINIUM)
 
     # Pages
 
@@ -414,9 +420,9 @@ class Manual:
     # PDF
 
     def to_pdf(self, title: str) -> bytes:
-        """Return the instructions as a PDF on A4 pages: cover, list of parts, coupon and steps.
+        """Return the instructions as a PDF on A4 pages: cover, lists, coupon and steps.
 
-        The bytes are the same every time.
+        The lists are those of the parts and of the holes. The bytes are the same every time.
 
         Args:
             title: Title on the cover.
@@ -430,7 +436,8 @@ class Manual:
         ]
         cover = self._cover(title, len(steps))
         pages = [page_figure(page) for page in (self._coupon_page(), *numbered, last)]
-        figures = [page_figure(cover), *bill_figures(self.order), *pages]
+        lists = [*bill_figures(self.order), *hole_figures(self.holes())]
+        figures = [page_figure(cover), *lists, *pages]
         out = io.BytesIO()
         with PdfPages(out, metadata={"CreationDate": None}) as pdf:
             for figure in figures:

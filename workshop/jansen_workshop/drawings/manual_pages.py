@@ -1,4 +1,4 @@
-"""Layout of the instructions on A4 pages: steps, and the list of parts and fasteners."""
+"""Layout of the instructions on A4 pages: steps, and the lists of parts and holes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from jansen_workshop.drawings.holes import HoleLine, count_by_diameter
 from jansen_workshop.drawings.order import Mass, Order
 from jansen_workshop.drawings.part_pictures import LABEL, Picture, wrapped
 
@@ -47,13 +48,27 @@ def bill_figures(order: Order) -> list[Figure]:
     Args:
         order: Bill of materials.
     """
-    header, *rows = _bill_rows(order)
+    return _table_figures("List of parts", _bill_rows(order))
+
+
+def hole_figures(lines: Sequence[HoleLine]) -> list[Figure]:
+    """Return the pages with the list of holes, and with the number of holes of each diameter.
+
+    Args:
+        lines: List of holes.
+    """
+    return _table_figures("List of holes", _hole_rows(lines))
+
+
+def _table_figures(title: str, table: Sequence[str]) -> list[Figure]:
+    """Return pages with a table, whose lines are in a font of constant width, the header first."""
+    header, *rows = table
     pages = math.ceil(len(rows) / LINES)
     length = math.ceil(len(rows) / pages)
-    size = min(9.0, 760.0 / (0.602 * len(header)))  # points; a letter is 0.602 wide
+    size = min(9.0, 760.0 / (0.602 * max(map(len, table))))  # points; a letter is 0.602 wide
     figures = []
     for start in range(0, len(rows), length):
-        figure = page_figure(Step("List of parts", []))
+        figure = page_figure(Step(title, []))
         figure.text(
             0.04,
             0.89,
@@ -78,15 +93,49 @@ def _bill_rows(order: Order) -> list[str]:
             (str(k), part.name, part.material, part.dimensions, str(part.number), each, price)
         )
     cells.append(("", "total", "", "", "", f"{1e3 * order.mass:.1f}", f"{order.price:.2f}"))
+    rows = _aligned(cells, left=(1, 2, 3))
+    return [*rows, "     The prices are assumptions: nobody has asked a shop."]
+
+
+def _hole_rows(lines: Sequence[HoleLine]) -> list[str]:
+    """Return the list of holes as lines of a table in a font of constant width."""
+    cells = [("no.", "name", "mm", "use", "holes each", "parts", "holes in all")]
+    cells += [
+        (
+            str(line.number),
+            line.name,
+            f"{line.diameter:g}",
+            line.use,
+            str(line.each),
+            str(line.parts),
+            str(line.total),
+        )
+        for line in lines
+    ]
+    totals = (f"{mm:g} mm: {count}" for mm, count in count_by_diameter(lines).items())
+    return [
+        *_aligned(cells, left=(1, 3)),
+        "",
+        f"Holes by diameter: {'; '.join(totals)}.",
+        "The diameters include the allowances of --fit. Do not drill a hole that is already cut.",
+    ]
+
+
+def _aligned(cells: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
+    """Return the rows of a table as texts with aligned columns.
+
+    Args:
+        cells: Texts by row and column.
+        left: Columns that are aligned to the left; all others are aligned to the right.
+    """
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    rows = [
+    return [
         "  ".join(
-            text.ljust(width) if column in (1, 2, 3) else text.rjust(width)
+            text.ljust(width) if column in left else text.rjust(width)
             for column, (text, width) in enumerate(zip(row, widths, strict=True))
         )
         for row in cells
     ]
-    return [*rows, "     The prices are assumptions: nobody has asked a shop."]
 
 
 def _grams(mass: Mass) -> str:

@@ -481,19 +481,21 @@ def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:
     """Return the coupon: the pieces to cut first, to find the kerf and the fits.
 
     The coupon is a plate with a slot, a row of holes for a pin and a row of holes for a bush, and
-    nine pegs. The mark at a hole is its clearance, in mm. The mark of the widest peg that fits into
-    the slot is the part of the kerf, in mm, for which the drawing does not compensate.
+    nine pegs. If the build has no bushes, pins turn in the holes of the second row. The mark at a
+    hole is its clearance, in mm. The mark of the widest peg that fits into the slot is the part of
+    the kerf, in mm, for which the drawing does not compensate.
 
     Args:
         thickness: Thickness of the material, in mm.
         build: Sizes and materials of the parts.
     """
     pin, bush, *_ = radii(build)
+    pressed = "bush" if build is ALUMINIUM else "turns"
     pitch = 18.0
     slot = Round((15 + 12j, 45 + 12j), 4.0)
     holes = []
     labels = []
-    for radius, y, name in ((pin, 56j, f"pin {2 * pin:g}"), (bush, 34j, f"bush {2 * bush:g}")):
+    for radius, y, name in ((pin, 56j, f"pin {2 * pin:g}"), (bush, 34j, f"{pressed} {2 * bush:g}")):
         labels.append((name, 2.0 + y, 24.0 + y))
         for k, step in enumerate(STEPS):
             z = pitch * (k + 2.0) + y

@@ -8,7 +8,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from jansen_env.robot import Robot
+from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.part_sizes import MARGIN
+from jansen_workshop.drawings import holes
 from jansen_workshop.drawings.buildability import faults
 from jansen_workshop.drawings.convex import Round, rectangle, sides
 from jansen_workshop.drawings.instructions import Manual
@@ -265,6 +267,8 @@ def drawings(
         files["instructions.pdf"] = Manual(order, flat, cut_coupon).to_pdf(title)
         warnings += _fault_warnings(order)
     files["materials.csv"] = to_csv(order.parts)
+    hole_lines = holes.list_holes(exact, counts(robot), robot.build is ALUMINIUM)
+    files["holes.csv"] = holes.to_csv(hole_lines)
     warnings += missing_brackets(robot)
     warnings += _mass_warnings(order)
     return files, "\n".join([_summary(order), *warnings])

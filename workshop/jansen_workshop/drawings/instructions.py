@@ -18,6 +18,7 @@ from jansen_env.files.plain_yaml import read_yaml
 from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_workshop.drawings.holes import HoleLine, list_holes
+from jansen_workshop.drawings.machine_solids import encoder_gap
 from jansen_workshop.drawings.manual_pages import Step, bill_figures, hole_figures, page_figure
 from jansen_workshop.drawings.materials import Row, Stack, counts, stacks
 from jansen_workshop.drawings.mount import units
@@ -314,6 +315,7 @@ class Manual:
             "heights": "\n".join(self._pin_heights()),
             "near": mount.screws[0],
             "far": mount.screws[1],
+            "gap": encoder_gap(self.assembly),
             **self._brace_fields(),
         }
         axles = [self._stack_picture(stack) for stack in self.stacks if stack.axle]

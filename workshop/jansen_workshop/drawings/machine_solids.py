@@ -5,6 +5,7 @@ All lengths are in mm.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,7 @@ from jansen_workshop.drawings.bought import read_catalogue
 from jansen_workshop.drawings.convex import Round, gap
 from jansen_workshop.drawings.drive_solids import (
     MOTOR,
+    SHAFT_OUT,
     add_hubs,
     add_motor,
     add_motor_plate,
@@ -28,8 +30,12 @@ from jansen_workshop.drawings.solids import CHASSIS, SHAFT_AXIS, Axis, Cavity, S
 
 # Distance from a frame to the components tied to it: foam fills it and leaves room for axle ends.
 PADDED = 10.0
+PLACES = {"both": ["first", "last"], "beside": ["shaft", "shaft"], "": []}
+"""Places of several equal components; any other place is that of a single one."""
 MAGNET_DIAMETER = 4.0
 MAGNET_THICKNESS = 2.0
+ENCODER_MAGNET = 2.5  # thickness of the magnet at the end of the shaft
+ENCODER_CHIP = 1.2  # height of the encoder's chip on its board, which faces the magnet
 
 
 def assemble(robot: Robot, placed: Sequence[Placed]) -> Assembly:
@@ -135,11 +141,14 @@ def _add_components(assembly: Assembly) -> None:
     for component in read_catalogue(assembly.robot.material).components:
         if component.name == MOTOR:
             continue
-        places = {"both": ["first", "last"], "": []}.get(component.place, [component.place])
+        places = PLACES.get(component.place, [component.place])
         for k in range(component.number):
             piece = assembly.add_piece(component.name, component.size, component.stage)
             if k < len(places):
-                _add_component_box(assembly, piece, places[k], component.room)
+                *size, shift = component.room
+                on_other_side = component.place == "beside" and k == 1
+                room = (*size, -shift if on_other_side else shift)
+                _add_component_box(assembly, piece, places[k], room)
             elif component.name == "magnet" and not assembly.mount.flange[0]:
                 _add_magnet(assembly, piece)
 
@@ -196,7 +205,26 @@ def _component_seat(assembly: Assembly, place: str) -> tuple[float, int]:
         return assembly.motor_plate[1], 1
     if place == "first":
         return assembly.outside - PADDED, -1
+    if place == "shaft":
+        return assembly.end, 1
     return assembly.end + PADDED, 1
+
+
+def encoder_gap(assembly: Assembly) -> float:
+    """Return the distance from the magnet at the end of the shaft to the encoder's chip.
+
+    Args:
+        assembly: Machine with the encoder.
+
+    Returns:
+        The distance in mm; NaN for a machine without this encoder.
+    """
+    boards = [
+        solid for solid in assembly.solids if assembly.pieces[solid.piece].name == "crank encoder"
+    ]
+    if not boards:
+        return math.nan
+    return boards[0].low - ENCODER_CHIP - (assembly.end + SHAFT_OUT + ENCODER_MAGNET)
 
 
 def _overlap(outline: Round, other: Round) -> bool:

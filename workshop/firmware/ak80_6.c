@@ -2,7 +2,7 @@
  * NO BOARD HAS RUN IT. Try it with the machine hung up and a switch in the battery's lead.
  *
  *     python -m agents.export pretrained:onboard --to firmware --name walker --out firmware
- *     cc -c -std=c99 -Ifirmware workshop/firmware/ak80_6.c
+ *     cc -c -std=c99 -Ifirmware workshop/firmware/ak80_6.c firmware/walker_firmware.c
  *
  * Pins, as on a NUCLEO-F446RE:
  *     CAN1   PB8 RX, PB9 TX, through a transceiver; 1 Mbit/s, the motor in MIT mode, ID 1
@@ -13,6 +13,7 @@
 #include <math.h>
 #include <stdint.h>
 
+#include "steady.h"
 #include "walker_firmware.h"
 
 #define MOTOR_ID 1
@@ -29,8 +30,12 @@ int encoder_read(uint16_t *count);         /* 0 to COUNTS - 1, parity checked */
 int imu_means(float *pitch_rate, float *x, float *y); /* of all samples since the last call, SI */
 float battery_voltage(void);
 float commanded_speed(void); /* m/s; 0 to stand */
+float constant_crank_speed(void); /* rad/s, by steady.h; 0 to walk by the policy */
 float seconds(void);         /* between two calls; measured */
 void watchdog_kick(void);
+
+static const struct steady_gains GAINS = { 10.0f, 1.0f, 1.0f, TORQUE_RANGE };
+static struct steady steady;
 
 /* A command of MIT mode: position and speed 0 with gains 0, and a torque. */
 void torque_frame(float torque, uint8_t data[8])
@@ -59,6 +64,7 @@ float answered_torque(const uint8_t data[6])
  * the same each time, and works out the next. */
 void control_period(struct jansen *machine, float *torque)
 {
+    const float constant = constant_crank_speed();
     struct jansen_sensors now;
     uint8_t frame[8], answer[6];
     uint16_t count;
@@ -66,7 +72,7 @@ void control_period(struct jansen *machine, float *torque)
     torque_frame(*torque, frame);
     (void)can_send(MOTOR_ID, frame); /* if it fails, no answer comes */
     now.period = seconds();
-    now.speed_command = commanded_speed();
+    now.speed_command = constant > 0.0f ? JANSEN_SLOWEST : commanded_speed();
     now.crank_angle = NAN;
     if (encoder_read(&count)) {
         now.crank_angle = DIRECTION * ((int)count - ZERO) * (TURN / COUNTS);
@@ -77,5 +83,14 @@ void control_period(struct jansen *machine, float *torque)
     now.crank_torque = can_receive(answer) ? answered_torque(answer) : NAN;
     now.battery = battery_voltage();
     *torque = jansen_step(machine, &now);
+    if (constant > 0.0f && machine->begun && machine->fault == JANSEN_FINE) {
+        *torque = steady_torque(
+            &steady, &GAINS, constant, now.crank_angle, machine->crank_speed, now.period);
+        machine->action = *torque / JANSEN_TORQUE_LIMIT; /* by which faults are found */
+        torque_frame(*torque, frame); /* at once: a period late, the built robot is unstable */
+        (void)can_send(MOTOR_ID, frame);
+    } else {
+        steady = (struct steady){ 0 };
+    }
     watchdog_kick();
 }

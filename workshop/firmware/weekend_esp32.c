@@ -2,7 +2,7 @@
  * NO BOARD HAS RUN IT. Try it with the machine hung up and the emergency stop in your hand.
  *
  *     python -m agents.export pretrained:weekend --to firmware --name weekend --out firmware
- *     cc -c -std=c99 -Ifirmware workshop/firmware/weekend_esp32.c
+ *     cc -c -std=c99 -Ifirmware workshop/firmware/weekend_esp32.c firmware/weekend_firmware.c
  *
  * Pins of an ESP32 DevKit board; all but the motor's supply run on the regulator's 5 V or on 3.3 V:
  *     GPIO25   DRV8874 EN, by LEDC at 20 kHz; PMODE low: EN is the duty, PH the direction
@@ -18,6 +18,7 @@
 #include <math.h>
 #include <stdint.h>
 
+#include "steady.h"
 #include "weekend_firmware.h"
 
 #define COUNTS_PER_TURN 3591.84 /* of the crank: 48 x 74.83 */
@@ -44,9 +45,12 @@ int imu_means(float raw[3]);             /* gyro z, accelerometer x, y: means si
 float adc_volts(int channel);            /* 6 or 7 of ADC1, calibrated */
 void bridge(float duty, int awake);      /* -1 to 1 */
 float commanded_speed(void);             /* m/s; 0 to stand */
+float constant_crank_speed(void);        /* rad/s, by steady.h; 0 to walk by the policy */
 float seconds(void);                     /* between two calls; measured */
 void watchdog_kick(void);
 
+static const struct steady_gains GAINS = { 1.0f, 0.1f, 0.1f, 0.35f };
+static struct steady steady;
 static int32_t zero;
 static int zeroed;
 static volatile float wanted_torque, crank_speed, volts, mean_current;
@@ -93,6 +97,7 @@ void current_loop(void)
  * no angle: turn it by hand, or slowly by motor_duty, until this function returns 1. */
 int control_period(struct jansen *machine, float *torque)
 {
+    const float constant = constant_crank_speed();
     struct jansen_sensors now;
     int32_t count;
     float raw[3];
@@ -113,7 +118,7 @@ int control_period(struct jansen *machine, float *torque)
     }
     wanted_torque = *torque;
     now.period = seconds();
-    now.speed_command = commanded_speed();
+    now.speed_command = constant > 0.0f ? JANSEN_SLOWEST : commanded_speed();
     now.crank_angle = encoder_count(&count) ? crank_angle(count, zero) : (double)NAN;
     now.pitch_rate = now.acceleration_x = now.acceleration_y = NAN;
     if (imu_means(raw)) {
@@ -125,6 +130,14 @@ int control_period(struct jansen *machine, float *torque)
     now.battery = volts;
     *torque = jansen_step(machine, &now);
     crank_speed = machine->crank_speed;
+    if (constant > 0.0f && machine->begun && machine->fault == JANSEN_FINE) {
+        *torque = steady_torque(
+            &steady, &GAINS, constant, now.crank_angle, machine->crank_speed, now.period);
+        machine->action = *torque / JANSEN_TORQUE_LIMIT; /* by which faults are found */
+        wanted_torque = *torque; /* at once: the gains are those of a loop without delay */
+    } else {
+        steady = (struct steady){ 0 };
+    }
     watchdog_kick();
     return 1;
 }

@@ -3,6 +3,7 @@
 import ctypes
 import math
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -19,6 +20,7 @@ from jansen_env.engine.walk_reward import ACCOUNTS, STEPS_PER_TURN, keep_account
 from jansen_env.policies import pretrained
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.motor import MOTORS
+from jansen_env.tasks.walking.tuned import gains_of
 from jansen_env.world.onboard import ESTIMATES, onboard_columns, toe_paths
 
 ID, NAME = "JansenWalkerBuilt-v0", "onboard"
@@ -39,9 +41,15 @@ class Sensors(ctypes.Structure):
 
 
 class Memory(ctypes.Structure):
-    """The first fields of ``struct jansen``, fault and action, and room for the rest."""
+    """The first fields of ``struct jansen``, and room for the rest."""
 
-    _fields_ = [("fault", ctypes.c_int), ("action", ctypes.c_float), ("rest", ctypes.c_double * 60)]
+    _fields_ = [
+        ("fault", ctypes.c_int),
+        *((name, ctypes.c_float) for name in (
+            "action", "cos_pitch", "sin_pitch", "crank_angle", "crank_speed",
+        )),
+        ("rest", ctypes.c_double * 60),
+    ]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -458,6 +466,97 @@ def test_the_weekend_robots_port_compiles_and_its_motor_gives_the_torque(tmp_pat
     assert port.motor_duty(
         *map(ctypes.c_float, (0.3, 0.0, 0.0, 0.0)), ctypes.byref(ctypes.c_float(1.0))
     ) == 0.0  # fmt: skip
+
+
+LIMITS = {"built": 12.0, "weekend": 0.35}  # N m, of the table of gains in measure.md
+
+
+class Gains(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_float) for name in ("kp", "ki", "kd", "limit")]
+
+
+class Steady(ctypes.Structure):
+    _fields_ = [
+        ("angle", ctypes.c_double),
+        ("error", ctypes.c_float),
+        ("integral", ctypes.c_float),
+        ("begun", ctypes.c_int),
+    ]
+
+
+@pytest.fixture(scope="module")
+def steady_torque(tmp_path_factory):
+    """The function of steady.h, by a file that calls it."""
+    folder = tmp_path_factory.mktemp("steady")
+    arguments = "struct steady *s, struct steady_gains *g, float w, double a, float c, float t"
+    lines = ['#include "steady.h"', f"float it({arguments});", f"float it({arguments})",
+             "{ return steady_torque(s, g, w, a, c, t); }", ""]  # fmt: skip
+    (folder / "it.c").write_text("\n".join(lines))
+    include = Path(__file__).parents[1] / "firmware"
+    build = ["cc", *STRICT, "-I", include, "-shared", "-fPIC", "-o", folder / "it.so",
+             folder / "it.c", "-lm"]  # fmt: skip
+    subprocess.run(build, check=True)
+    made = ctypes.CDLL(str(folder / "it.so")).it
+    real = ctypes.c_float
+    made.restype = real
+    made.argtypes = ctypes.POINTER(Steady), ctypes.POINTER(Gains), real, ctypes.c_double, real, real
+    return made
+
+
+def test_the_pid_in_c_is_the_one_in_python(steady_torque, rng):
+    """For a crank that lags and speeds; the angle is wrapped, and the gains are those of ports."""
+    for name, port in (("built", "ak80_6.c"), ("weekend", "weekend_esp32.c")):
+        pid, limit = gains_of(ROBOTS[name](), "steady"), LIMITS[name]
+        text = (Path(__file__).parents[1] / "firmware" / port).read_text()
+        written = re.search(r"GAINS = \{ (.*) \};", text)[1].replace("TORQUE_RANGE", "12.0f")
+        written = [float(word.rstrip("f")) for word in written.split(", ")]
+        assert written == [pid.kp, pid.ki, pid.kd, limit]
+        gains, state = Gains(pid.kp, pid.ki, pid.kd, limit), Steady()
+        speeds = 2.0 + 0.1 * rng.normal(size=400)
+        angles = np.cumsum(PERIOD * speeds)
+        integral = 0.0
+        for k, (angle, speed) in enumerate(zip(angles.tolist(), speeds.tolist(), strict=True)):
+            error = angles[0] + 2.0 * PERIOD * k - angle
+            expected, integral = pid.torque(error, 2.0 - speed, integral, PERIOD, limit)
+            torque = steady_torque(state, gains, 2.0, angle % math.tau, speed, PERIOD)
+            assert torque == pytest.approx(float(expected), abs=1e-3 * limit)
+        held = [steady_torque(state, gains, 2.0, angle, 0.0, PERIOD) for _ in range(500)]
+        assert held[-1] == pytest.approx(limit)
+        assert pid.kp * state.error < 1.5 * limit  # it does not wind up
+
+
+def walk_steadily(library, steady_torque, speed, delay=0.005, sign=1.0):
+    """Walk the built robot as its port does; returns crank speeds, torques and the firmware."""
+    gains, state, firmware, speeds = Gains(10.0, 1.0, 1.0, 12.0), Steady(), Firmware(library), []
+
+    def controller(**readings):
+        readings["crank_angle"] *= sign
+        torque = firmware.step(**{**readings, "speed_command": 0.05})
+        if firmware.fault == "fine":
+            speeds.append(firmware.memory.crank_speed)
+            torque = steady_torque(
+                state, gains, speed, readings["crank_angle"], speeds[-1], readings["period"]
+            )
+            firmware.memory.action = torque / 12.0
+        return torque
+
+    _, torques = walk(controller, 0.1, 1, robot="built", delay=delay)
+    return np.array(speeds), torques, firmware
+
+
+def test_the_built_robot_walks_at_a_constant_crank_speed(library, steady_torque):
+    """At 1 rad/s under the firmware's watch; a reversed encoder stops it.
+
+    Torques that come a control period late make it unstable: the ports send them at once.
+    """
+    speeds, torques, firmware = walk_steadily(library, steady_torque, 1.0)
+    assert firmware.fault == "fine" and len(speeds) > 480
+    assert speeds[-314:].mean() == pytest.approx(1.0, abs=0.02)  # over a turn
+    assert np.abs(torques).max() < 12.0
+    speeds, torques, firmware = walk_steadily(library, steady_torque, 1.0, sign=-1.0)
+    assert firmware.fault == "against torque" and len(speeds) < 100 and torques[-1] == 0.0
+    prompt, late = (walk_steadily(library, steady_torque, 2.0, ms)[0].max() for ms in (0.0, 0.02))
+    assert prompt < 6.0 and late > 10.0
 
 
 ARM, RISC_V = ("arm-none-eabi-", "qemu-system-arm"), ("riscv64-unknown-elf-", "qemu-system-riscv32")

@@ -67,6 +67,21 @@ def test_the_encoders_chip_is_near_its_magnet_and_its_blocks_clear_the_shaft():
     assert math.isnan(encoder_gap(assemble(DESIGNS["weekend"], layers(DESIGNS["weekend"]))))
 
 
+def test_a_turned_hub_is_one_piece_and_its_bore_ends_where_the_shaft_ends():
+    """Spigot and bottom touch, the bottom fills the bore, and a piece of the shaft meets it."""
+    assembly = assemble(DESIGNS["built"], layers(DESIGNS["built"]))
+    ends = {round(z, 6) for k in of(assembly, "shaft")
+            for z in (assembly.solids[k].low, assembly.solids[k].high)}  # fmt: skip
+    solids = [assembly.solids[k] for k in of(assembly, "hub")]
+    for piece in {solid.piece for solid in solids}:
+        ring, spigot, bottom = (solid for solid in solids if solid.piece == piece)
+        assert {spigot.low, spigot.high} & {bottom.low, bottom.high}
+        assert ring.low <= bottom.low and bottom.high <= ring.high
+        assert bottom.outline.radius > spigot.outline.radius
+        assert bottom.outline.radius == ring.cavities[0].outline.radius
+        assert {round(bottom.low, 6), round(bottom.high, 6)} & ends
+
+
 @pytest.mark.parametrize("name", ["weekend", "built"])
 def test_the_foam_tape_fills_what_it_has_to_fill(name):
     """Four layers under what is at a pivot, and one layer under each board on top of that."""

@@ -25,6 +25,8 @@ from jansen_workshop.drawings.solids import (
 MOTOR = "gearmotor"  # name of the motor among the bought components
 SHAFT_OUT = 3.0  # length of the shaft beyond the last frame
 SPRING_PIN = 1.5  # radius of the spring pins through the hubs and the shaft
+HUB_BOTTOM = 2.0  # thickness of the bottom of a turned hub's bore, which carries the spigot
+SPIGOT_PLAY = 0.5  # length by which a spigot ends before the far side of its crank
 HUB_THREAD = 3.0 * 2.5  # largest length of an M3 screw in a hub: 2.5 diameters
 
 
@@ -56,23 +58,47 @@ def _add_hub(assembly: Assembly, web: int, out: int) -> None:
     face = plate.high if out > 0 else plate.low
     low, high = sorted((face, face + out * length))
 
-    kind = f"spigot {2 * pin:g}" if assembly.metal else "set screw"
-    size = f"{2 * radius:g} x {length:g} mm, bore {2 * shaft:g}, {kind}, two threads M3"
+    bore = f"bore {2 * shaft:g}"
+    kind = "set screw"
+    if assembly.metal:
+        bore += f" x {length - HUB_BOTTOM:g}"
+        kind = f"spigot {2 * pin:g} x {plate.high - plate.low - SPIGOT_PLAY:g}"
+    size = f"{2 * radius:g} x {length:g} mm, {bore}, {kind}, two threads M3"
     piece = assembly.add_piece("hub", size, "crank", unit=unit)
     hub = assembly.add_ring(piece, axis, (radius, shaft), low, high, ALLOY)
     if assembly.metal:
-        spigot = axis.circle(pin)
-        assembly.add_solid(
-            Solid(piece, plate.carrier, spigot, plate.low + 0.5, plate.high, density=ALLOY)
-        )
+        _add_spigot(assembly, piece, web, axis, out)
     for spot in spots:
         _add_hub_screw(assembly, Axis(plate.carrier, spot), web, hub, out)
     if assembly.metal:
         size = f"3 x {2.0 * radius - 1.0:g} mm"
         spring = assembly.add_piece("spring pin ISO 8752", size, "phases", unit=unit)
         across = 1j * (spots[0] - axis.centre) / abs(spots[0] - axis.centre)
-        middle = 0.5 * (low + high)
+        middle = 0.5 * (low + high + out * HUB_BOTTOM)  # of the bore
         _add_spring_pin(assembly, spring, axis, across, radius - 0.5, middle, ("hub", "shaft"))
+
+
+def _add_spigot(assembly: Assembly, piece: int, web: int, axis: Axis, out: int) -> None:
+    """Add the bottom of a hub's bore, and the spigot on it that fits into the crank.
+
+    Args:
+        assembly: Machine to add it to.
+        piece: Index of the hub's piece.
+        web: Index of the crank's solid.
+        axis: Axis of the hub.
+        out: Direction along the shaft from the crank to the hub, 1 or -1.
+    """
+    pin, _, shaft, _ = radii(assembly.build)
+    plate = assembly.solids[web]
+    face, far = (plate.high, plate.low) if out > 0 else (plate.low, plate.high)
+    for radius, start, end in (
+        (pin, far + out * SPIGOT_PLAY, face),
+        (shaft, face, face + out * HUB_BOTTOM),
+    ):
+        low, high = sorted((start, end))
+        assembly.add_solid(
+            Solid(piece, plate.carrier, axis.circle(radius), low, high, density=ALLOY)
+        )
 
 
 def _add_hub_screw(assembly: Assembly, axis: Axis, web: int, hub: int, out: int) -> None:
@@ -136,14 +162,17 @@ def _add_spring_pin(
 
 
 def add_shaft(assembly: Assembly) -> None:
-    """Add the pieces of the shaft, which ends at either crank of a unit.
+    """Add the pieces of the shaft, which end at the cranks, or at the bottoms of turned hubs.
 
     Args:
         assembly: Machine to add them to.
     """
     *_, shaft, _ = radii(assembly.build)
-    bottoms = [assembly.shaft_end, *(assembly.solids[web].high for web in assembly.webs[1::2])]
-    tops = [*(assembly.solids[web].low for web in assembly.webs[::2]), assembly.end + SHAFT_OUT]
+    gap = HUB_BOTTOM if assembly.metal else 0.0
+    lows = [assembly.solids[web].low - gap for web in assembly.webs[::2]]
+    highs = [assembly.solids[web].high + gap for web in assembly.webs[1::2]]
+    bottoms = [assembly.shaft_end, *highs]
+    tops = [*lows, assembly.end + SHAFT_OUT]
     for low, high in zip(bottoms, tops, strict=True):
         piece = assembly.add_piece("shaft", f"{2 * shaft:g} x {high - low:.1f} mm", "frames")
         assembly.add_solid(Solid(piece, CHASSIS, SHAFT_AXIS.circle(shaft), low, high))

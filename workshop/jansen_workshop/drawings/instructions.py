@@ -242,11 +242,18 @@ class Manual:
                 crank_pin.bodies,
                 [piece for piece in pieces if piece.stage in ("foot", "links", "pin", "crank")],
                 [piece for piece in pieces if piece.stage == "crank"],
+                reach=self._hub_screw_distance(),
                 which=which,
                 many=f"{number} of them",
             )
         )
         return steps
+
+    def _hub_screw_distance(self) -> float:
+        """Return the distance of a hub's two screws from the axis, in mm."""
+        crank = self.assembly.parts[CRANK - 1]
+        axis = crank.joints[self.robot.linkage.bodies[CRANK - 1][1][0]]
+        return round(abs(crank.holes[-1].corners[0] - axis), 2)
 
     def _bodies_with_feet(self) -> set[int]:
         """Return the numbers of the bodies that carry feet, from 1 on."""

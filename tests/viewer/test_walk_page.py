@@ -191,6 +191,9 @@ def test_wrong_links_are_refused(opened):
         "robot=klann%26rod_AD=x": "rod_AD",
         "restitution=0.5": "restitution",
         "terrain=drawn": "terrain",
+        "terrain=": "terrain must be one of",
+        "control=": "control must be one of",
+        "level=drawn&ground=70,0": "level must be one of",
         "terrain=drawn&ground=70,0,65,0": "ground",
     }
     first, *others = wrong

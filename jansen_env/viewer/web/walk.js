@@ -151,11 +151,13 @@ async function loadNetworks(names) {
 
 /** The ground of a choice; throws where the choice has what this page does not. */
 function groundFor(choice) {
-  for (const [name, values] of Object.entries(OPTIONS))
-    if (!name.startsWith("robot") && ![...values, choice.ground && DRAWN].includes(choice[name]))
+  for (const [name, values] of Object.entries(OPTIONS)) {
+    const allowed = name === "terrain" && choice.ground ? [...values, DRAWN] : values;
+    if (!name.startsWith("robot") && !allowed.includes(choice[name]))
       throw new Error(
-        `${name} must be one of ${listed(values)}, got '${choice[name].slice(0, 40)}'.`,
+        `${name} must be one of ${listed(allowed)}, got '${choice[name].slice(0, 40)}'.`,
       );
+  }
   const seed = Number(choice.seed);
   const given = choice.seed.slice(0, 40);
   if (!Number.isInteger(seed) || seed < 0 || seed > data.mostSeed)

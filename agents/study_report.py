@@ -27,13 +27,13 @@ NOTES = """\
 A run's score is the mean return of its best model over the commands. IQM is the interquartile mean,
 that of the middle half of the runs (Agarwal et al., NeurIPS 2021); brackets are its 95 % bootstrap
 interval, over training runs, drawn within each environment. With few runs that covers less: some
-75 % with 3 runs, 90 % with 10. Intervals over episodes are in each run's scores.json. Core s: of
-the run's processor time."""
+75 % with 3 runs, 90 % with 10. Intervals over episodes are in each run's scores.json. The processor
+time of a run includes its evaluations."""
 FIGURES = """\
 The figures show the learning curves of the groups against environment steps (upper left panel) and
-against the processor time of a run, including its evaluations (upper right). Solid and dotted lines
-are IQMs, bands contain all runs, and dashed lines are the baselines. The lower panel shows, for
-each return, the fraction of runs and commands with a higher return."""
+against the processor time of a run (upper right). Solid and dotted lines are IQMs, bands contain
+all runs, and dashed lines are the baselines. The lower panel shows, for each return, the fraction
+of runs and commands with a higher return."""
 
 
 def write_report(folder: Path) -> str:
@@ -211,8 +211,8 @@ def _middle_mean(*samples: Array, axis: int = -1) -> Array:
 def plot(returns: pd.DataFrame, path: Path) -> None:
     """Draw the learning curves and the performance profile of an environment.
 
-    The learning curves are drawn against steps and against core-seconds. The performance profile is
-    the fraction of pairs of a run and a command whose return is above each value.
+    The learning curves are drawn against steps and against processor time. The performance profile
+    is the fraction of pairs of a run and a command whose return is above each value.
 
     Args:
         returns: Rows of returns.csv for this environment.
@@ -257,7 +257,7 @@ def _group_looks(groups: pd.Series) -> Iterator[tuple[str, str, dict[str, Any]]]
 def _plot_curves(
     by_steps: Axes, by_time: Axes, runs: pd.DataFrame, name: str, look: dict[str, Any]
 ) -> None:
-    """Draw the learning curve of a group against steps and against core-seconds."""
+    """Draw the learning curve of a group against steps and against processor time."""
     curves = runs.pivot_table(POINTS[1:], "steps", "seed").dropna()  # steps common to all runs
     if not len(curves):
         return

@@ -8,8 +8,8 @@ Controllers that were made for the closed linkage of the robot ``built`` are tes
 models of this linkage. For each seed, CMA-ES searches for a crank-speed profile on the closed
 linkage and on two models, and each profile is tested on all of them. With ``--policies N``, PPO
 also trains N policies on each of them. These are kept in ``logs/serial_chain`` and not trained
-again. The script writes ``docs/serial_chain/serial_chain.json`` and the tables of
-docs/serial_chain.md.
+again. The script writes the tables of docs/serial_chain.md and, in the folder docs/serial_chain,
+``serial_chain.json``. The scores of the policies are in ``policies.json``.
 """
 
 import math
@@ -32,6 +32,7 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.tasks.walking.profile import READ, profile_torque
 
 DATA, PAGE = "serial_chain/serial_chain.json", "serial_chain.md"
+POLICIES = "serial_chain/policies.json"
 RUNS = Path("logs/serial_chain")
 COMMAND = "python experiments/serial_chain.py"
 COMMANDS = (0.1, 0.3, 0.5, 0.7)  # m/s
@@ -236,6 +237,27 @@ def score(name: str, robot: Robot, episodes: int) -> dict[str, float | None]:
     return {metric: found[metric][0] for metric in METRICS}
 
 
+def score_policies(robots: dict[str, Robot], count: int, episodes: int, quick: bool) -> Means:
+    """Train policies on each model, test each of them on all models, and return the metrics.
+
+    Args:
+        robots: Models by name.
+        count: Number of policies per model, each with its own seed.
+        episodes: Number of episodes per command and policy.
+        quick: Whether to train for two rollouts only.
+    """
+    scores: Means = {name: {other: [] for other in robots} for name in robots}
+    for seed in range(count):
+        for name, robot in robots.items():
+            folder = RUNS / f"{name.replace(' ', '_')}_{seed}"
+            file = train_policy(folder, robot, seed, COMMAND, quick)
+            for other, there in robots.items():
+                scores[name][other].append(score(str(file), there, episodes))
+            returns = [scores[name][other][-1]["return"] for other in robots]
+            print(f"seed {seed}, {name}: {returns}", flush=True)
+    return scores
+
+
 def mean_and_half_width(values: Sequence[float | None]) -> tuple[float, float]:
     """Return the mean of the values of all seeds and half the width of its 95 % interval.
 
@@ -251,7 +273,6 @@ def mean_and_half_width(values: Sequence[float | None]) -> tuple[float, float]:
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """Return the tables of the page: the models, the controllers, and the searched profiles."""
-    names = [*results["scores"]]
     properties = [
         [name, f"{values['moving_mass']:.2f}", *(f"{k:.4f}" for k in values["crank_inertia"])]
         for name, values in results["models"].items()
@@ -277,15 +298,17 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
         for name, by in profiles.items()
     ]
     if rows:
-        made.append(table(["return of profiles that were searched on", *names], rows))
-    if results["policies"]:
-        made += policy_tables(results)
+        made.append(table(["return of profiles that were searched on", *profiles], rows))
     return {PAGE: made}
 
 
-def policy_tables(results: dict[str, Any]) -> list[str]:
-    """Return the tables of the policies that were trained on the models."""
-    means: Means = results["scores"]
+def policy_tables(policies: dict[str, Any]) -> list[str]:
+    """Return the tables of the policies that were trained on the models.
+
+    Args:
+        policies: Content of the data file :data:`POLICIES`.
+    """
+    means: Means = policies["scores"]
     names = [*means]
     made: list[str] = []
     differences = []
@@ -322,7 +345,6 @@ def main() -> None:
     """Train, measure, and write the data and the tables."""
     args = options(__doc__, seeds=10, policies=0)
     seeds = range(1 if args.quick else args.seeds)
-    policies = range(1 if args.quick else args.policies)
     episodes = 1 if args.quick else 10
     robots = models()
     all_models = {**robots, **half_steps()}
@@ -337,15 +359,6 @@ def main() -> None:
             numbers = search_profile(robot, seed, 1 if args.quick else GENERATIONS)
             for other, there in robots.items():
                 profiles[name][other].append(score_profile(numbers, there, PROFILE_EPISODES))
-    scores: Means = {name: {other: [] for other in robots} for name in robots}
-    for seed in policies:
-        for name, robot in robots.items():
-            folder = RUNS / f"{name.replace(' ', '_')}_{seed}"
-            file = train_policy(folder, robot, seed, COMMAND, args.quick)
-            for other, there in robots.items():
-                scores[name][other].append(score(str(file), there, episodes))
-            returns = [scores[name][other][-1]["return"] for other in robots]
-            print(f"seed {seed}, {name}: {returns}", flush=True)
     properties = {
         name: {
             "moving_mass": len(robot.legs)
@@ -362,13 +375,20 @@ def main() -> None:
         "commands": COMMANDS,
         "episodes": episodes,
         "seeds": len(seeds),
-        "policies": len(policies),
         "models": properties,
         "controllers": controllers,
         "profiles": profiles,
-        "scores": scores,
     }
     publish(args.out, DATA, results, tables(results))
+    policies = 1 if args.quick else args.policies
+    if policies:
+        trained = {
+            "commands": COMMANDS,
+            "episodes": episodes,
+            "policies": policies,
+            "scores": score_policies(robots, policies, episodes, args.quick),
+        }
+        publish(args.out, POLICIES, trained, {PAGE: policy_tables(trained)})
 
 
 if __name__ == "__main__":

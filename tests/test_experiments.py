@@ -115,12 +115,14 @@ def test_a_table_takes_the_place_of_the_one_with_the_same_headings() -> None:
         pages.with_tables(page, [old, new, new])
 
 
-def test_the_page_about_springs_shows_the_scores_of_trained_policies() -> None:
-    springs = import_module("springs")
-    scores = json.loads((ROOT / "docs" / springs.POLICIES).read_text(encoding="utf-8"))
-    page = (ROOT / "docs" / springs.PAGE).read_text(encoding="utf-8")
-    for table in springs.policy_tables(scores):
-        assert table in page
+@pytest.mark.parametrize("name", ["serial_chain", "springs"])
+def test_pages_show_the_scores_of_trained_policies(name: str) -> None:
+    """They have a data file of their own, which an experiment without training does not change."""
+    experiment = import_module(name)
+    scores = json.loads((ROOT / "docs" / experiment.POLICIES).read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / experiment.PAGE).read_text(encoding="utf-8")
+    tables = experiment.policy_tables(scores)
+    assert import_module("pages").with_tables(page, tables) == page
 
 
 def test_a_policy_of_another_robot_or_configuration_is_refused(

@@ -1,7 +1,7 @@
 """What do play in the joints and backlash in the gear change in a walk?
 
 Run the experiment as follows. The defaults are half a turn of the crank, which is one cycle of the
-gait, and the folder docs/joint_play.
+gait, and the folder docs/joint_play. With fewer turns, the episodes are shorter, too.
 
     python experiments/joint_play.py [TURNS] [FOLDER]
 
@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
+from pages import table
 
 from jansen_env import evaluate
 from jansen_env.files import write_json
@@ -47,8 +48,11 @@ SETTLING = 0.3  # time on the rigid-body plant that the metrics leave out, in s
 LONGEST = 8.0  # time after which a walk ends even if its crank got stuck, in s
 EPISODE_PLAYS = (0.0, 0.3, 0.5)  # radial play in the episodes, in mm
 EPISODE_TIME_STEPS = (TIME_STEP, 0.5 * TIME_STEP)  # time steps of the rigid-body plant, in ms
-EPISODE_COMMAND, EPISODES, EPISODE_SEED = 0.3, 2, 0  # m/s; number of episodes; their seed
-STEPS_PER_TURN = 500  # control steps of an episode per turn of the crank in the command line
+EPISODE_COMMAND = 0.3  # command of the episodes, in m/s
+EPISODES = 2  # number of episodes per case
+EPISODE_SEED = 0  # seed of their initial states
+EPISODE_STEPS = 250  # control steps of an episode, if the walks have the usual number of turns
+TURNS = 0.5  # usual number of turns of the crank that are measured: one cycle of the gait
 METRICS = {
     "return": ("return", ".1f"),
     "speed_error": ("speed error (m/s)", ".3f"),
@@ -170,13 +174,13 @@ def measure(turns: float) -> list[dict[str, Any]]:
         ]
 
 
-def walk_episodes(turns: float) -> list[dict[str, Any]]:
+def walk_episodes(steps: int) -> list[dict[str, Any]]:
     """Return the metrics of the policy in short episodes from the same initial states.
 
     The projection plant has the time step of the environment.
 
     Args:
-        turns: Length of an episode, in multiples of :data:`STEPS_PER_TURN` control steps.
+        steps: Number of control steps of an episode.
     """
     env: Any = gym.make(ENV).unwrapped
     cases = [("projection", 1e3 * env.task.world.time_step, 0.0)]
@@ -194,7 +198,6 @@ def walk_episodes(turns: float) -> list[dict[str, Any]]:
                 "time_step": 1e-3 * time_step,
                 "joint_play": 1e-3 * play,
             }
-        steps = max(1, round(STEPS_PER_TURN * turns))
         scores = evaluate(
             {"policy": pretrained.load(ENV)},
             ENV,
@@ -219,29 +222,29 @@ def episode_table(rows: list[dict[str, Any]]) -> str:
     """
     headings = ["simulation", "time step (ms)", "play (mm)"]
     headings += [heading for heading, _ in METRICS.values()]
-    lines = ["| " + " | ".join(headings) + " |", "| --- |" + " ---: |" * (len(headings) - 1)]
+    lines = []
     for row in rows:
         cells = [row["plant"], f"{row['time_step']:g}", f"{row['play']:g}"]
         cells += [
             "none" if row[name] is None else f"{row[name]:{form}}"
             for name, (_, form) in METRICS.items()
         ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return table(headings, lines)
 
 
-def table(walks: list[dict[str, Any]], controller: str) -> str:
+def walk_table(walks: list[dict[str, Any]], controller: str) -> str:
     """Return the table of a controller, as docs/joint_play.md contains it."""
     headings = ["command (m/s)", "play (mm)", "backlash (degrees)", "seed"]
     headings += [*(heading for heading, _ in COLUMNS.values()), "fall"]
-    lines = ["| " + " | ".join(headings) + " |", "|" + " ---: |" * len(headings)]
+    lines = []
     for row in walks:
         if row["controller"] == controller and row["time_step"] == TIME_STEP:
             cells = [f"{row[name]:g}" for name in ("command", "play", "backlash", "seed")]
             cells += [f"{row[name]:{form}}" for name, (_, form) in COLUMNS.items()]
             cells.append("yes" if row["fallen"] else "no")
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            lines.append(cells)
+    return table(headings, lines, texts=0)
 
 
 def step_table(walks: list[dict[str, Any]]) -> str:
@@ -252,7 +255,7 @@ def step_table(walks: list[dict[str, Any]]) -> str:
     """
     headings = ["play (mm)", "backlash (degrees)", "seed", "time step (ms)"]
     headings += [heading for heading, _ in COLUMNS.values()]
-    lines = ["| " + " | ".join(headings) + " |", "|" + " ---: |" * len(headings)]
+    lines = []
     repeated = [
         row
         for row in walks
@@ -263,8 +266,8 @@ def step_table(walks: list[dict[str, Any]]) -> str:
     for row in sorted(repeated, key=lambda row: HALVED.index((row["play"], row["backlash"]))):
         cells = [f"{row[name]:g}" for name in ("play", "backlash", "seed", "time_step")]
         cells += [f"{row[name]:{form}}" for name, (_, form) in COLUMNS.items()]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return table(headings, lines, texts=0)
 
 
 def draw(walks: list[dict[str, Any]], path: Path) -> None:
@@ -302,14 +305,14 @@ def draw(walks: list[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     """Measure, print the tables, and write the data and the figure."""
-    turns = float(sys.argv[1]) if len(sys.argv) > 1 else 0.5
+    turns = float(sys.argv[1]) if len(sys.argv) > 1 else TURNS
     folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/joint_play")
     folder.mkdir(parents=True, exist_ok=True)
     walks = measure(turns)
     for controller in CONTROLLERS:
-        print(f"\n{controller}\n\n{table(walks, controller)}")
+        print(f"\n{controller}\n\n{walk_table(walks, controller)}")
     print(f"\nhalf the time step\n\n{step_table(walks)}")
-    episodes = walk_episodes(turns)
+    episodes = walk_episodes(max(1, round(EPISODE_STEPS * turns / TURNS)))
     print(f"\nepisodes\n\n{episode_table(episodes)}")
     data = {"turns": turns, "seeds": [*SEEDS], "walks": walks, "episodes": episodes}
     write_json(folder / "joint_play.json", data)

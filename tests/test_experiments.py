@@ -205,4 +205,4 @@ def test_the_page_about_joint_play_shows_its_data() -> None:
     assert joint_play.episode_table(results["episodes"]) in page
     assert joint_play.step_table(walks) in page
     for controller in joint_play.CONTROLLERS:
-        assert joint_play.table(walks, controller) in page, controller
+        assert joint_play.walk_table(walks, controller) in page, controller

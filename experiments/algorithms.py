@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 import torch
 import yaml
-from pages import DOCS, publish, table
+from pages import DOCS, QUICK, ROOT, publish, table
 from scipy.stats import mannwhitneyu
 
 from agents.training.runs import FINAL, record_run
@@ -57,7 +57,6 @@ from jansen_env.scoring.result_files import (
 )
 from jansen_env.scoring.rollout import make_env
 
-ROOT = Path(__file__).parents[1]
 DATA, PAGE = "algorithms/algorithms.json", "studies.md"
 ALGORITHMS = ("ppo", "sac", "tqc", "ars")
 DEFAULT = "default"  # name of the budget with the hyperparameters of the library
@@ -484,13 +483,14 @@ def main() -> None:
     add("--workers", type=int, default=2, help="number of runs side by side (2)")
     add("--only", choices=names, help="run one comparison, and do not write the page")
     add("--logs", type=Path, default=ROOT / "logs" / "algorithms", help="folder of the runs")
-    add("--out", type=Path, default=DOCS, help="folder of the page and its data (docs)")
+    add("--out", type=Path, help="folder of the page and its data (docs; logs/quick with --quick)")
     add("--quick", action="store_true", help="try the program in a tiny setting")
     args = parser.parse_args()
     comparisons = [each for each in COMPARISONS if args.only in (None, each.name)]
     trials = TRIALS
     results = ROOT / "results"
     chosen = ROOT / "agents" / "studies" / "equal"
+    args.out = args.out or (QUICK if args.quick else DOCS)
     if args.quick:
         trials = 1
         comparisons = [replace(COMPARISONS[0], runs=1, algorithms=("ppo",), seconds=1.0)]

@@ -5,9 +5,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jansen_env.files import write_json
+from jansen_env.files import write_json, write_text
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+QUICK = ROOT / "logs" / "quick"  # folder of the output of tiny experiments
 
 
 def options(description: str | None, **counts: int) -> argparse.Namespace:
@@ -27,13 +29,18 @@ def options(description: str | None, **counts: int) -> argparse.Namespace:
         "--quick", action="store_true", help="run a tiny version of the experiment, to test it"
     )
     parser.add_argument(
-        "--out", type=Path, default=DOCS, help="folder of the pages and their data; default: docs"
+        "--out",
+        type=Path,
+        help="folder of the pages and their data; default: docs, or logs/quick with --quick",
     )
     for name, default in counts.items():
         parser.add_argument(
             f"--{name}", type=int, default=default, help=f"whole number; default: {default}"
         )
-    return parser.parse_args()
+    args = parser.parse_args()
+    # A tiny experiment must not replace published data.
+    args.out = args.out or (QUICK if args.quick else DOCS)
+    return args
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
@@ -66,7 +73,7 @@ def publish(folder: Path, data: str, results: Any, tables: Mapping[str, Sequence
         path = folder / page
         if path.exists():
             text = path.read_text(encoding="utf-8")
-            path.write_text(with_tables(text, new), encoding="utf-8")
+            write_text(path, with_tables(text, new))
 
 
 def with_tables(text: str, tables: Sequence[str]) -> str:

@@ -115,6 +115,17 @@ def test_a_table_takes_the_place_of_the_one_with_the_same_headings() -> None:
         pages.with_tables(page, [old, new, new])
 
 
+def test_a_tiny_experiment_does_not_replace_published_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    pages = import_module("pages")
+    for arguments, folder in (
+        ([], pages.DOCS),
+        (["--quick"], ROOT / "logs" / "quick"),
+        (["--quick", "--out", "here"], Path("here")),
+    ):
+        monkeypatch.setattr(sys, "argv", ["experiment.py", *arguments])
+        assert pages.options(None).out == folder
+
+
 @pytest.mark.parametrize("name", ["serial_chain", "springs"])
 def test_pages_show_the_scores_of_trained_policies(name: str) -> None:
     """They have a data file of their own, which an experiment without training does not change."""

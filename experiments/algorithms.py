@@ -407,7 +407,8 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
         for algo in ALGORITHMS
     ]
     head = ["algorithm", *(f"returns of the trials, {each.amount}" for each in tuned)]
-    scores, rows = [], []
+    scores = []
+    rows = []
     for comparison in COMPARISONS:
         runs = [run for run in results["runs"] if run["comparison"] == comparison.name]
         configs = results["configs"].get(comparison.name, {})

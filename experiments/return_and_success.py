@@ -30,15 +30,15 @@ ERRORS = 2.0  # number of standard errors by which the successes of a pair diffe
 COMPARABLE = 0.5  # largest difference of comparable loads, as a multiple of the weight
 
 
-def significant(one: Array, other: Array, weights: Array) -> bool:
-    """Return whether two policies differ in success.
+def significant(first: Array, second: Array, weights: Array) -> bool:
+    """Return whether the successes of two policies differ by more than their statistical error.
 
     Args:
-        one: Success of one policy in n episodes, shape (n,).
-        other: Success of the other policy in the same episodes, shape (n,).
+        first: Success of a policy in n episodes, shape (n,).
+        second: Success of another policy in the same episodes, shape (n,).
         weights: Weights of the episodes, shape (n,). The sum is 1.
     """
-    difference = one - other
+    difference = first - second
     mean = weights @ difference
     error = np.sqrt(weights**2 @ (difference - mean) ** 2)
     return bool(abs(mean) > ERRORS * error)
@@ -74,8 +74,8 @@ def compare(track: str, files: list[Path]) -> dict[str, Any]:
 
 def ordered_alike(policies: dict[str, dict[str, float]], pair: tuple[str, str]) -> bool:
     """Return whether the policy of a pair with more success also has the higher return."""
-    one, other = (policies[name] for name in pair)
-    return (one["success"] > other["success"]) == (one["return"] > other["return"])
+    first, second = (policies[name] for name in pair)
+    return (first["success"] > second["success"]) == (first["return"] > second["return"])
 
 
 def comparable(policies: dict[str, dict[str, float]], pair: tuple[str, str]) -> bool:
@@ -85,8 +85,8 @@ def comparable(policies: dict[str, dict[str, float]], pair: tuple[str, str]) -> 
         policies: Scores of all policies by name.
         pair: Names of the two policies.
     """
-    one, other = (policies[name]["load"] for name in pair)
-    return abs(one - other) <= COMPARABLE
+    first, second = (policies[name]["load"] for name in pair)
+    return abs(first - second) <= COMPARABLE
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
@@ -104,19 +104,17 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
         "of these, ordered alike",
         "rank correlation of return and success",
     ]
-    rows, exceptions = [], []
+    rows = []
+    exceptions = []
     for track, found in results.items():
         policies = found["policies"]
         success, returns = (
             [scores[metric] for scores in policies.values()] for metric in ("success", "return")
         )
         alike = [ordered_alike(policies, pair) for pair in found["differ"]]
-        near = [
-            same
-            for pair, same in zip(found["differ"], alike, strict=True)
-            if comparable(policies, pair)
-        ]
-        counts = [len(policies), len(alike), sum(alike), len(near), sum(near)]
+        near = [pair for pair in found["differ"] if comparable(policies, pair)]
+        alike_near = [ordered_alike(policies, pair) for pair in near]
+        counts = [len(policies), len(alike), sum(alike), len(near), sum(alike_near)]
         correlation = spearmanr(success, returns).statistic
         rows.append([track, *(str(count) for count in counts), f"{correlation:.2f}"])
         for pair, same in zip(found["differ"], alike, strict=True):
@@ -125,9 +123,9 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
                     "{success:.2f}, {return:.0f}, {load:.1f}".format(**policies[p]) for p in pair
                 ]
                 exceptions.append([track, pair[0], cells[0], pair[1], cells[1]])
-    other = ["exception on the track", "policy", "success, return, load"]
-    other += ["other policy", "its success, return, load"]
-    return {PAGE: [table(head, rows), table(other, exceptions, texts=5)]}
+    exception = ["exception on the track", "policy", "success, return, load"]
+    exception += ["other policy", "its success, return, load"]
+    return {PAGE: [table(head, rows), table(exception, exceptions, texts=5)]}
 
 
 def main() -> None:

@@ -27,9 +27,10 @@ from jansen_env.robot.robot_file import read_robot
 from jansen_env.tasks.walking.tuned import gains_of
 
 DATA, PAGE = "springs/witness.json", "springs.md"
-SPEED, FRICTION = 0.3, 0.8  # m/s; friction coefficient of the ground
+SPEED = 0.3  # m/s
+FRICTION = 0.8  # friction coefficient of the ground
 STARTS = (0.0, 1.0)  # initial crank angles, in rad
-MANY = "projection, 12 walks"  # name of the walks from more initial crank angles
+MANY = f"projection, {len(MANY_STARTS)} walks"  # name of the walks from more initial crank angles
 METRICS = {"speed": 3, "slip": 3, "rms_torque": 2, "peak_torque": 2, "cost_of_transport": 3}
 """Metrics, and the number of decimals in the table."""
 CHANGED = ("rms_torque", "peak_torque", "cost_of_transport")

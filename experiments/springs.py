@@ -296,7 +296,7 @@ def walk_under_pid(robot: Robot, episodes: int) -> dict[str, list[float | None]]
 
 
 def _rounded(by_command: dict[str, Any], metrics: Iterable[str]) -> dict[str, list[float | None]]:
-    """Return metrics per command with four digits, or None where no episode has a value."""
+    """Return metrics per command with four decimals, or None where no episode has a value."""
     return {
         name: [None if value is None else round(value, 4) for value in by_command[name]["value"]]
         for name in metrics

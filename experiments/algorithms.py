@@ -361,7 +361,7 @@ def train_and_score(
         kept = replace(load_config(folder / "config.yml"), timesteps=config.timesteps)
         if kept != config:
             raise ValueError(
-                f"{folder} must have the best hyperparameters, got others: remove {note}"
+                f"{folder} must have the present hyperparameters, got others: remove {note}"
             )
         return yaml.safe_load(note.read_text(encoding="utf-8"))
     seconds, trained = learn(config, config.timesteps, folder)

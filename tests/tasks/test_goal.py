@@ -51,8 +51,8 @@ class Shaken:
 
 @pytest.mark.slow
 def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
-    """It reaches 95 of the 100 goals of seeds from 1000 on, on which it was not tuned; 0.9 is
-    required.
+    """It reaches at least 90 of 100 goals on which it was not tuned; controllers that reach fewer
+    goals, or do more work, have lower returns.
     """
     env = make(100)
     success, returns, work = solved(goal_pid(env.unwrapped), env)

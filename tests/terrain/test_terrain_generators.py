@@ -12,7 +12,7 @@ import pytest
 from jansen_env import Terrain
 from jansen_env.engine.ground_lines import REACH, RISER_SLOPE, START
 from jansen_env.plants.plant import PLANTS
-from jansen_env.tasks.walking.walker_benchmark import BASELINES
+from jansen_env.tasks.walking.profile import Profile
 from jansen_env.terrain.generators import (
     GENERATORS,
     HIGHEST,
@@ -208,7 +208,7 @@ def test_walks_over_faces_do_not_diverge(plant):
     """
     terrain = Terrain.stumps(height=0.03, width=0.2, spacing=0.6)
     env = gym.make("JansenWalker-v0", terrain=terrain, plant=plant, speed_command=0.45)
-    policy = BASELINES["profile"](env.unwrapped)
+    policy = Profile([0.45], [[5.0, 20.0, 0.0, 0.0]]).policy(env.unwrapped)  # 5 rad/s
     observation, _ = env.reset(seed=1)
     for _ in range(250):
         observation, _, terminated, _, info = env.step(policy.predict(observation)[0])

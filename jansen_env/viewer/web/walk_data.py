@@ -223,7 +223,7 @@ def _limits(row: Parameter) -> Json:
         "least": row.least,
         "most": row.most,
         "zeroWhere": row.zero_where,
-        "onlyZero": robot_parameters.ONLY_ZERO.get(row.zero_where, ""),
+        "onlyZero": robot_parameters.ONLY_ZERO[row.zero_where] if row.zero_where else "",
         "sets": {name: low for name, (low, _) in sets.items()},
     }
 

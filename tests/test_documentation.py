@@ -188,8 +188,8 @@ ELSEWHERE = (
     "examples/verification_plots",
 )
 """Files of other projects that pages name, and a name that stands for any of a kind."""
-NOT_IN_FOLDERS = ("train.py", "my_random.py")
-"""A script in the root, and the example of a user's own module in docs/benchmark.md."""
+NOT_IN_FOLDERS = ("train.py", "my_random.py", "idf.py")
+"""A script in the root, the example of docs/benchmark.md, and a tool of ESP-IDF."""
 
 
 @pytest.mark.parametrize("page", NOW, ids=lambda page: str(page.relative_to(ROOT)))

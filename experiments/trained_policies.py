@@ -51,24 +51,31 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
     return train_run(folder, config, command)
 
 
-def train_run(folder: Path, config: RunConfig, command: str) -> Path:
+def train_run(folder: Path, config: RunConfig, command: str, start: str | None = None) -> Path:
     """Train a configuration unless its last model exists, and return the file of this model.
 
     Args:
         folder: Folder of the run.
         config: Configuration of the run.
         command: Command that started the experiment.
+        start: Pretrained policy with whose weights the training starts, such as
+            ``pretrained:hiker``. None starts with random weights.
 
     Raises:
         ValueError: If the folder contains a finished run with another configuration.
     """
+    from agents.pack import start_from
     from agents.training.runs import FINAL, record_run
     from agents.training.train_model import prepare, train
+    from jansen_env.cli.named_policies import shipped_file
     from jansen_env.sb3.run_config import load_config
 
     if not (folder / FINAL).is_file():
         record_run(folder, config, command)
-        train(prepare(config), config, folder, eval_every=0, save_every=0, progress=False)
+        model = prepare(config)
+        if start is not None:
+            start_from(model, shipped_file(start, config.env) or start)
+        train(model, config, folder, eval_every=0, save_every=0, progress=False)
     elif load_config(folder / "config.yml") != config:
         raise ValueError(
             f"{folder} must be a run with the present configuration, got another configuration: "

@@ -1,13 +1,14 @@
 """Does a policy depend on details of the simulation on which it was trained?
 
-Run the experiment as follows. It takes about 25 minutes on one core, most of them for the two other
+Run the experiment as follows. It takes about 35 minutes on one core, most of them for the two other
 simulation backends.
 
     python experiments/transfer.py [--episodes 32] [--quick]
 
 Every pretrained policy for level ground is tested, unchanged, with other time steps, feet and
-friction, in the rigid-body backend and in MuJoCo. The script writes ``docs/transfer/transfer.json``
-and the tables of docs/transfer.md.
+friction, in the rigid-body backend and in MuJoCo. The policies for rough terrain are tested with
+other time steps, feet and friction. The script writes ``docs/transfer/transfer.json`` and the
+tables of docs/transfer.md.
 """
 
 from contextlib import nullcontext
@@ -19,6 +20,7 @@ from scipy.stats import spearmanr
 
 from jansen_env import Compliance, evaluate
 from jansen_env.policies import pretrained
+from jansen_env.tasks.walking.presets import HARDCORE, ROUGH
 
 DATA, PAGE = "transfer/transfer.json", "transfer.md"
 ENVS = ("JansenWalker-v0", "JansenWalkerBuilt-v0")
@@ -51,6 +53,10 @@ BACKENDS: dict[str, dict[str, Any]] = {
     "MuJoCo": {"plant": "rigid_body", "time_step": 2e-4},
 }
 """Arguments of the environments in which each policy walks for 5 s from the same few starts."""
+TERRAIN_ENVS = {"JansenWalkerRough-v0": ROUGH, "JansenWalkerHardcore-v0": HARDCORE}
+"""Environments with terrain, and their default arguments."""
+TERRAIN_METRICS = {"success": 2, "return": 0, "falls": 2, "unsupported": 2, "load": 1}
+"""Metrics on terrain, and the number of decimals in the tables."""
 LEFT_OUT = "MuJoCo", "rigid feet"
 """Conditions that a second computation of the correlation leaves out."""
 SHORT = 250  # number of steps of an episode on the other backends
@@ -60,9 +66,9 @@ Scores = dict[str, dict[str, list[float | None]]]
 """Value and ends of the 95 % interval of each metric, by condition and metric."""
 
 
-def policy_names() -> list[tuple[str, str]]:
-    """Return the id of the environment and the name of every policy for level ground."""
-    return [(env_id, name) for env_id in ENVS for name in pretrained.names(env_id)]
+def title(env_id: str, name: str) -> str:
+    """Return the name of a policy in the tables."""
+    return f"{env_id.removesuffix('-v0')}: {name}"
 
 
 def measure(env_id: str, name: str, episodes: int, few: int, short: int) -> Scores:
@@ -94,6 +100,30 @@ def measure(env_id: str, name: str, episodes: int, few: int, short: int) -> Scor
         overall = found["overall"]
         scores[condition] = {metric: overall[metric] for metric in (*METRICS, "falls")}
         print(f"{name}, {condition}: {overall['return']}", flush=True)
+    return scores
+
+
+def measure_on_terrain(env_id: str, name: str, episodes: int) -> Scores:
+    """Score a policy for rough terrain under all conditions, at the five commands of the benchmark.
+
+    The levels of the terrain, the friction and other parameters are sampled as in training, except
+    those that the condition sets.
+
+    Args:
+        env_id: Id of its environment.
+        name: Name of the policy.
+        episodes: Number of episodes per command.
+    """
+    policy = pretrained.load(env_id, name)
+    scores: Scores = {}
+    for condition, changes in CONDITIONS.items():
+        together = {**policy.env_kwargs, **changes}
+        if "randomize" in changes:
+            sampled = TERRAIN_ENVS[env_id]["randomize"]
+            together["randomize"] = {**sampled, **changes["randomize"]}
+        found = evaluate({name: policy}, env_id, together, episodes=episodes, seed=SEED)[name]
+        scores[condition] = {metric: found["overall"][metric] for metric in TERRAIN_METRICS}
+        print(f"{name}, {condition}: {scores[condition]['success']}", flush=True)
     return scores
 
 
@@ -167,21 +197,37 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
             for policy, scores in policies.items()
         ]
         made.append(table([metric.replace("_", " "), *conditions], rows))
+    for metric, decimals in TERRAIN_METRICS.items():
+        rows = [
+            [policy, *(value_of(scores, name, metric, decimals) for name in CONDITIONS)]
+            for policy, scores in results["on_terrain"].items()
+        ]
+        made.append(table([f"{metric} on terrain", *CONDITIONS], rows))
     return {PAGE: made}
 
 
 def main() -> None:
     """Measure, and write the data and the tables."""
     args = options(__doc__, episodes=32)
-    names = policy_names()
+    level = [(env_id, name) for env_id in ENVS for name in pretrained.names(env_id)]
+    terrain = [(env_id, name) for env_id in TERRAIN_ENVS for name in pretrained.names(env_id)]
     episodes, few, short = args.episodes, 1, SHORT
     if args.quick:
-        names, episodes, short = [*names[:2], *names[-1:]], 1, 5
+        level, terrain = [*level[:2], *level[-1:]], terrain[-1:]
+        episodes, short = 1, 5
     policies = {
-        f"{env_id.removesuffix('-v0')}: {name}": measure(env_id, name, episodes, few, short)
-        for env_id, name in names
+        title(env_id, name): measure(env_id, name, episodes, few, short) for env_id, name in level
     }
-    results = {"episodes": episodes, "few": few, "steps": short, "policies": policies}
+    on_terrain = {
+        title(env_id, name): measure_on_terrain(env_id, name, episodes) for env_id, name in terrain
+    }
+    results = {
+        "episodes": episodes,
+        "few": few,
+        "steps": short,
+        "policies": policies,
+        "on_terrain": on_terrain,
+    }
     publish(args.out, DATA, results, tables(results))
 
 

@@ -1,10 +1,12 @@
 """Commands end in one line, or none, whatever stops them: signals, full disks, wrong numbers."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
+from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +163,22 @@ def test_a_signal_that_comes_in_a_destructor_is_not_lost(name, status, capsys):
         time.sleep(60)
     assert stopped.value.code == status and capsys.readouterr().err == ""
     assert sys.unraisablehook is hook
+
+
+@posix
+@pytest.mark.parametrize(("name", "status"), STATUSES)
+def test_a_signal_that_comes_while_an_extension_is_loaded_is_not_lost(name, status):
+    """Some extensions ignore exceptions of the modules that they import."""
+
+    class Ignoring(ExtensionFileLoader):
+        def create_module(self, spec):
+            with contextlib.suppress(BaseException):
+                signal.raise_signal(getattr(signal, name))
+
+    with pytest.raises(SystemExit) as stopped, guarded("it"):
+        Ignoring("module", "module.so").create_module(None)
+        time.sleep(60)
+    assert stopped.value.code == status
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from importlib.machinery import ExtensionFileLoader
 from types import FrameType
 from typing import NoReturn
 
@@ -80,11 +81,14 @@ def _handlers() -> Iterator[list[int]]:
     """
     came: list[int] = []
 
-    def stop(number: int, frame: FrameType | None) -> NoReturn:
+    def stop(number: int, frame: FrameType | None) -> None:
         came.append(number)
-        if number == signal.SIGINT:
+        if _loads_extension(frame):
+            _signal_soon(number)
+        elif number == signal.SIGINT:
             raise KeyboardInterrupt
-        raise SystemExit(128 + number)
+        else:
+            raise SystemExit(128 + number)
 
     if threading.current_thread() is not threading.main_thread():
         yield came  # only the main thread receives signals
@@ -118,12 +122,28 @@ def _stop_again(
     shapes.
     """
     if came and isinstance(ignored.exc_value, (SystemExit, KeyboardInterrupt)):
-        # The delay lets the main thread leave the code in which exceptions are ignored.
-        again = threading.Timer(0.01, _signal_main_thread, [came[-1]])
-        again.daemon = True
-        again.start()
+        _signal_soon(came[-1])
     else:
         report(ignored)
+
+
+def _loads_extension(frame: FrameType | None) -> bool:
+    """Return whether an extension module is being loaded.
+
+    Its code in C may import other modules and ignore their exceptions, as ``pygame.image`` does.
+    """
+    while frame is not None:
+        if isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _signal_soon(number: int) -> None:
+    """Send a signal again, after the main thread has left code in which exceptions are ignored."""
+    again = threading.Timer(0.01, _signal_main_thread, [number])
+    again.daemon = True
+    again.start()
 
 
 def _signal_main_thread(number: int) -> None:

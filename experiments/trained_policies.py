@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,8 @@ from jansen_env.registration import training_folder
 from jansen_env.robot.robot_file import read_robot, write_robot
 
 if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
     from jansen_env.sb3.run_config import RunConfig
 
 ENV = "JansenWalkerBuilt-v0"
@@ -51,7 +54,13 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
     return train_run(folder, config, command)
 
 
-def train_run(folder: Path, config: RunConfig, command: str, start: str | None = None) -> Path:
+def train_run(
+    folder: Path,
+    config: RunConfig,
+    command: str,
+    start: str | None = None,
+    change: Callable[[BaseAlgorithm], None] | None = None,
+) -> Path:
     """Train a configuration unless its last model exists, and return the file of this model.
 
     Args:
@@ -60,6 +69,7 @@ def train_run(folder: Path, config: RunConfig, command: str, start: str | None =
         command: Command that started the experiment.
         start: Pretrained policy with whose weights the training starts, such as
             ``pretrained:hiker``. None starts with random weights.
+        change: Function that changes the model before the training.
 
     Raises:
         ValueError: If the folder contains a finished run with another configuration.
@@ -75,6 +85,8 @@ def train_run(folder: Path, config: RunConfig, command: str, start: str | None =
         model = prepare(config)
         if start is not None:
             start_from(model, shipped_file(start, config.env) or start)
+        if change is not None:
+            change(model)
         train(model, config, folder, eval_every=0, save_every=0, progress=False)
     elif load_config(folder / "config.yml") != config:
         raise ValueError(

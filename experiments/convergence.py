@@ -92,6 +92,11 @@ def changes(values: dict[str, Any], exact: dict[str, Any]) -> list[str]:
     return cells
 
 
+def two_digits(value: float) -> str:
+    """Return a number with two significant digits, without an exponent above 1."""
+    return f"{value:.2g}" if value < 99.5 else f"{float(f'{value:.2g}'):.0f}"
+
+
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """Return the table of the page."""
     head = [
@@ -112,7 +117,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
                 continue
             error = 1e3 * np.abs(np.subtract(values["early"], exact["early"]))
             row = [name, f"{1e3 * float(step):g}"]
-            row += [f"{np.median(error):.2g}", f"{np.quantile(error, 0.9):.2g}"]
+            row += [two_digits(np.median(error)), two_digits(np.quantile(error, 0.9))]
             row += changes(values, exact)
             row.append(f"{1e3 * max(values['depth']):.2f}")
             rows.append(row)

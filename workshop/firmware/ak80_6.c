@@ -29,9 +29,9 @@ int can_receive(uint8_t data[6]);          /* the motor's answer */
 int encoder_read(uint16_t *count);         /* 0 to COUNTS - 1, parity checked */
 int imu_means(float *pitch_rate, float *x, float *y); /* of all samples since the last call, SI */
 float battery_voltage(void);
-float commanded_speed(void); /* m/s; 0 to stand */
+float commanded_speed(void);      /* m/s; 0 to stand */
 float constant_crank_speed(void); /* rad/s, by steady.h; 0 to walk by the policy */
-float seconds(void);         /* between two calls; measured */
+float seconds(void);              /* between two calls; measured */
 void watchdog_kick(void);
 
 static const struct steady_gains GAINS = { 10.0f, 1.0f, 1.0f, TORQUE_RANGE };

@@ -70,8 +70,8 @@ def test_the_encoders_chip_is_near_its_magnet_and_its_blocks_clear_the_shaft():
 def test_a_turned_hub_is_one_piece_and_its_bore_ends_where_the_shaft_ends():
     """Spigot and bottom touch, the bottom fills the bore, and a piece of the shaft meets it."""
     assembly = assemble(DESIGNS["built"], layers(DESIGNS["built"]))
-    ends = {round(z, 6) for k in of(assembly, "shaft")
-            for z in (assembly.solids[k].low, assembly.solids[k].high)}  # fmt: skip
+    shafts = [assembly.solids[k] for k in of(assembly, "shaft")]
+    ends = {round(z, 6) for shaft in shafts for z in (shaft.low, shaft.high)}
     solids = [assembly.solids[k] for k in of(assembly, "hub")]
     for piece in {solid.piece for solid in solids}:
         ring, spigot, bottom = (solid for solid in solids if solid.piece == piece)
@@ -88,10 +88,8 @@ def test_the_foam_tape_fills_what_it_has_to_fill(name):
     robot = DESIGNS[name]
     assembly = assemble(robot, layers(robot))
     components = read_catalogue(robot.material).components
-    width, length = (
-        float(mm) for each in components if each.name == "foam tape"
-        for mm in re.findall(r"\d+", each.size)
-    )  # fmt: skip
+    (tape,) = (component for component in components if component.name == "foam tape")
+    width, length = map(float, re.findall(r"\d+", tape.size))
     needed = 0.0
     for component in components:
         if component.place in ("first", "last", "both", "axis"):

@@ -212,23 +212,24 @@ def test_the_list_of_holes_has_every_hole_with_its_allowance():
         robot = DESIGNS[name]
         number = counts(robot)
         parts = [part.with_fit(fit) for part in cut_parts(robot)]
-        lines = list_holes(parts, number, name == "built")
+        lines = list_holes(robot, parts)
         cut = sum(number[part.name] * len(part.holes) for part in parts)
         assert sum(line.total for line in lines) == sum(count_by_diameter(lines).values()) == cut
         assert [line.number for line in lines] == sorted(line.number for line in lines)
         if name == "built":
-            assert count_by_diameter(lines)[8.0] == 36  # as many as bushes of 6 x 8 mm
+            assert count_by_diameter(lines)[8.0] == 36  # one for each bush of 6 x 8 mm
             assert {line.use for line in lines if line.diameter == 14.0} == {"bush"}
         else:
             (turning,) = (line for line in lines if line.name == "lower_rod")
             assert turning[2:] == (3.15, "turning screw or shaft", 2, 4)
 
 
-def test_the_coupon_names_what_its_holes_are_for():
-    for build, names in ((built.ALUMINIUM, ["pin 6", "bush 8"]),
-                         (DESIGNS["weekend"].build, ["pin 3", "turns 3.2"])):  # fmt: skip
-        plate, *_ = coupon(3.0, build)
-        assert [text for text, *_ in plate.labels if text[0] not in "+-"] == names
+@pytest.mark.parametrize(
+    ("name", "names"), [("built", ["pin 6", "bush 8"]), ("weekend", ["pin 3", "turns 3.2"])]
+)
+def test_the_coupon_names_what_its_holes_are_for(name, names):
+    plate, *_ = coupon(3.0, DESIGNS[name].build)
+    assert [text for text, *_ in plate.labels if text[0] not in "+-"] == names
 
 
 def test_the_coupon_finds_the_kerf():

@@ -45,11 +45,13 @@ class Memory(ctypes.Structure):
 
     _fields_ = [
         ("fault", ctypes.c_int),
-        *((name, ctypes.c_float) for name in (
-            "action", "cos_pitch", "sin_pitch", "crank_angle", "crank_speed",
-        )),
+        ("action", ctypes.c_float),
+        ("cos_pitch", ctypes.c_float),
+        ("sin_pitch", ctypes.c_float),
+        ("crank_angle", ctypes.c_float),
+        ("crank_speed", ctypes.c_float),
         ("rest", ctypes.c_double * 60),
-    ]  # fmt: skip
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -472,10 +474,14 @@ LIMITS = {"built": 12.0, "weekend": 0.35}  # N m, of the table of gains in measu
 
 
 class Gains(ctypes.Structure):
+    """``struct steady_gains``."""
+
     _fields_ = [(name, ctypes.c_float) for name in ("kp", "ki", "kd", "limit")]
 
 
 class Steady(ctypes.Structure):
+    """``struct steady``."""
+
     _fields_ = [
         ("angle", ctypes.c_double),
         ("error", ctypes.c_float),
@@ -486,32 +492,41 @@ class Steady(ctypes.Structure):
 
 @pytest.fixture(scope="module")
 def steady_torque(tmp_path_factory):
-    """The function of steady.h, by a file that calls it."""
+    """Return the function of steady.h, compiled into a library."""
     folder = tmp_path_factory.mktemp("steady")
     arguments = "struct steady *s, struct steady_gains *g, float w, double a, float c, float t"
-    lines = ['#include "steady.h"', f"float it({arguments});", f"float it({arguments})",
-             "{ return steady_torque(s, g, w, a, c, t); }", ""]  # fmt: skip
-    (folder / "it.c").write_text("\n".join(lines))
+    source = f"""#include "steady.h"
+float it({arguments});
+float it({arguments})
+{{ return steady_torque(s, g, w, a, c, t); }}
+"""
+    file = folder / "it.c"
+    file.write_text(source)
+    library = folder / "it.so"
     include = Path(__file__).parents[1] / "firmware"
-    build = ["cc", *STRICT, "-I", include, "-shared", "-fPIC", "-o", folder / "it.so",
-             folder / "it.c", "-lm"]  # fmt: skip
-    subprocess.run(build, check=True)
-    made = ctypes.CDLL(str(folder / "it.so")).it
+    options = [*STRICT, "-I", include, "-shared", "-fPIC"]
+    subprocess.run(["cc", *options, "-o", library, file, "-lm"], check=True)
+    function = ctypes.CDLL(str(library)).it
     real = ctypes.c_float
-    made.restype = real
-    made.argtypes = ctypes.POINTER(Steady), ctypes.POINTER(Gains), real, ctypes.c_double, real, real
-    return made
+    structures = ctypes.POINTER(Steady), ctypes.POINTER(Gains)
+    function.restype = real
+    function.argtypes = *structures, real, ctypes.c_double, real, real
+    return function
 
 
 def test_the_pid_in_c_is_the_one_in_python(steady_torque, rng):
-    """For a crank that lags and speeds; the angle is wrapped, and the gains are those of ports."""
+    """Both compute the same torques for a crank whose speed varies. The ports have the gains of the
+    robots.
+    """
     for name, port in (("built", "ak80_6.c"), ("weekend", "weekend_esp32.c")):
-        pid, limit = gains_of(ROBOTS[name](), "steady"), LIMITS[name]
+        pid = gains_of(ROBOTS[name](), "steady")
+        limit = LIMITS[name]
         text = (Path(__file__).parents[1] / "firmware" / port).read_text()
         written = re.search(r"GAINS = \{ (.*) \};", text)[1].replace("TORQUE_RANGE", "12.0f")
         written = [float(word.rstrip("f")) for word in written.split(", ")]
         assert written == [pid.kp, pid.ki, pid.kd, limit]
-        gains, state = Gains(pid.kp, pid.ki, pid.kd, limit), Steady()
+        gains = Gains(pid.kp, pid.ki, pid.kd, limit)
+        state = Steady()
         speeds = 2.0 + 0.1 * rng.normal(size=400)
         angles = np.cumsum(PERIOD * speeds)
         integral = 0.0
@@ -526,8 +541,11 @@ def test_the_pid_in_c_is_the_one_in_python(steady_torque, rng):
 
 
 def walk_steadily(library, steady_torque, speed, delay=0.005, sign=1.0):
-    """Walk the built robot as its port does; returns crank speeds, torques and the firmware."""
-    gains, state, firmware, speeds = Gains(10.0, 1.0, 1.0, 12.0), Steady(), Firmware(library), []
+    """Let the built robot walk as its port does, and return crank speeds, torques and firmware."""
+    gains = Gains(10.0, 1.0, 1.0, 12.0)
+    state = Steady()
+    firmware = Firmware(library)
+    speeds = []
 
     def controller(**readings):
         readings["crank_angle"] *= sign

@@ -74,7 +74,7 @@ def _add_hub(assembly: Assembly, web: int, out: int) -> None:
         size = f"3 x {2.0 * radius - 1.0:g} mm"
         spring = assembly.add_piece("spring pin ISO 8752", size, "phases", unit=unit)
         across = 1j * (spots[0] - axis.centre) / abs(spots[0] - axis.centre)
-        middle = 0.5 * (low + high + out * HUB_BOTTOM)  # of the bore
+        middle = 0.5 * (low + high + out * HUB_BOTTOM)  # middle of the bore
         _add_spring_pin(assembly, spring, axis, across, radius - 0.5, middle, ("hub", "shaft"))
 
 

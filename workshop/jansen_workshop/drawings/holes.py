@@ -8,6 +8,9 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from jansen_env.robot import Robot
+from jansen_env.robot.buildable import ALUMINIUM
+from jansen_workshop.drawings.materials import counts
 from jansen_workshop.drawings.outlines import CutPart
 
 USES = {
@@ -43,20 +46,22 @@ class HoleLine(NamedTuple):
         return self.each * self.parts
 
 
-def list_holes(parts: Sequence[CutPart], number: dict[str, int], bushes: bool) -> list[HoleLine]:
+def list_holes(robot: Robot, parts: Sequence[CutPart]) -> list[HoleLine]:
     """Return a line for every size and use of holes in each part.
 
     Args:
-        parts: Every flat part once, with the allowances of its holes, but not of the kerf.
-        number: Number of each part by name.
-        bushes: Whether the pins turn in bushes.
+        robot: Robot to which the parts belong.
+        parts: Every flat part of the robot once, with the allowances of its holes, but not of the
+            kerf.
     """
+    uses = USES[robot.build is ALUMINIUM]
+    number = counts(robot)
     lines = []
     for part in sorted(parts, key=lambda part: part.number):
         holes = Counter((round(2.0 * hole.radius, 2), hole.fit) for hole in part.holes)
         for (diameter, fit), each in sorted(holes.items()):
-            use = USES[bushes][fit]
-            lines.append(HoleLine(part.number, part.name, diameter, use, each, number[part.name]))
+            cut = number[part.name]
+            lines.append(HoleLine(part.number, part.name, diameter, uses[fit], each, cut))
     return lines
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from jansen_env.files.plain_yaml import read_yaml
-from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_workshop.drawings.holes import HoleLine, list_holes
 from jansen_workshop.drawings.machine_solids import encoder_gap
@@ -97,7 +96,7 @@ class Manual:
 
     def holes(self) -> list[HoleLine]:
         """Return the list of the holes of all flat parts."""
-        return list_holes(self._flat, counts(self.robot), self.robot.build is ALUMINIUM)
+        return list_holes(self.robot, self._flat)
 
     # Pages
 

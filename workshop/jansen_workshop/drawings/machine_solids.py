@@ -30,8 +30,11 @@ from jansen_workshop.drawings.solids import CHASSIS, SHAFT_AXIS, Axis, Cavity, S
 
 # Distance from a frame to the components tied to it: foam fills it and leaves room for axle ends.
 PADDED = 10.0
-PLACES = {"both": ["first", "last"], "beside": ["shaft", "shaft"], "": []}
-"""Places of several equal components; any other place is that of a single one."""
+PLACES = {"both": [("first", 1), ("last", 1)], "beside": [("shaft", 1), ("shaft", -1)], "": []}
+"""Places of several equal components, with the sign of their shift along the bar.
+
+Any other place is that of a single component, whose shift has the sign 1.
+"""
 MAGNET_DIAMETER = 4.0
 MAGNET_THICKNESS = 2.0
 ENCODER_MAGNET = 2.5  # thickness of the magnet at the end of the shaft
@@ -141,14 +144,13 @@ def _add_components(assembly: Assembly) -> None:
     for component in read_catalogue(assembly.robot.material).components:
         if component.name == MOTOR:
             continue
-        places = PLACES.get(component.place, [component.place])
+        places = PLACES.get(component.place, [(component.place, 1)])
         for k in range(component.number):
             piece = assembly.add_piece(component.name, component.size, component.stage)
             if k < len(places):
+                place, sign = places[k]
                 *size, shift = component.room
-                on_other_side = component.place == "beside" and k == 1
-                room = (*size, -shift if on_other_side else shift)
-                _add_component_box(assembly, piece, places[k], room)
+                _add_component_box(assembly, piece, place, (*size, sign * shift))
             elif component.name == "magnet" and not assembly.mount.flange[0]:
                 _add_magnet(assembly, piece)
 

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from jansen_env.robot import Robot
-from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.part_sizes import MARGIN
 from jansen_workshop.drawings import holes
 from jansen_workshop.drawings.buildability import faults
@@ -267,8 +266,7 @@ def drawings(
         files["instructions.pdf"] = Manual(order, flat, cut_coupon).to_pdf(title)
         warnings += _fault_warnings(order)
     files["materials.csv"] = to_csv(order.parts)
-    hole_lines = holes.list_holes(exact, counts(robot), robot.build is ALUMINIUM)
-    files["holes.csv"] = holes.to_csv(hole_lines)
+    files["holes.csv"] = holes.to_csv(holes.list_holes(robot, exact))
     warnings += missing_brackets(robot)
     warnings += _mass_warnings(order)
     return files, "\n".join([_summary(order), *warnings])

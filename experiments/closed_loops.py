@@ -130,9 +130,9 @@ class Machine(Protocol):
     """CPU time of all steps so far, in s."""
 
     quick: bool
-    """Whether a step is so fast that measuring the gap and the energy would distort its CPU time.
+    """Whether a step takes so little CPU time that other measurements would distort this time.
 
-    If it does, the CPU time is measured in separate runs.
+    The CPU time of such a machine is measured in separate runs.
     """
 
     def advance(self, torque: float, duration: float) -> None:

@@ -93,8 +93,8 @@ def changes(values: dict[str, Any], exact: dict[str, Any]) -> list[str]:
 
 
 def two_digits(value: float) -> str:
-    """Return a number with two significant digits, without an exponent above 1."""
-    return f"{value:.2g}" if value < 99.5 else f"{float(f'{value:.2g}'):.0f}"
+    """Return a number with two significant digits, written without an exponent."""
+    return np.format_float_positional(value, 2, unique=False, fractional=False, trim="-")
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:

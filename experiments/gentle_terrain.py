@@ -1,4 +1,4 @@
-"""What does a gentler walk over rough ground cost?
+"""Can a policy walk more gently over rough ground?
 
 Run the experiment as follows. It takes about 45 minutes on one core.
 
@@ -155,14 +155,14 @@ def main() -> None:
     runs |= {f"exponent {EXPONENTS[0]:g}, cost {cost:g}": (EXPONENTS[0], cost) for cost in COSTS}
     episodes = args.episodes
     if args.quick:
-        runs, episodes = dict([*runs.items()][-1:]), 1
+        runs = {name: runs[name] for name in [*runs][-1:]}
+        episodes = 1
     policies = {"pretrained": score(f"pretrained:{NAME}", episodes)}
     for name, (exponent, cost) in runs.items():
         file = train_further(exponent, cost, args.quick)
         policies[f"trained further, {name}"] = score(str(file), episodes)
-    publish(
-        args.out, DATA, {"episodes": episodes, "policies": policies}, tables({"policies": policies})
-    )
+    results = {"episodes": episodes, "policies": policies}
+    publish(args.out, DATA, results, tables(results))
 
 
 if __name__ == "__main__":

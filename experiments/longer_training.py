@@ -13,8 +13,7 @@ docs/judging.md.
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from pages import options, publish, table
+from pages import mean_and_range, options, publish, table
 from trained_policies import ENV, score_policy, train_run
 
 from jansen_env import ROBOTS
@@ -79,21 +78,6 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
             ]
             rows.append([f"{int(steps):,}", command, *cells])
     return {PAGE: [table(head, rows)]}
-
-
-def mean_and_range(values: list[float | None], decimals: int) -> str:
-    """Return a cell with a mean, the lowest and the highest value.
-
-    Args:
-        values: Value of each seed. Slip and cost are None for a robot that did not walk.
-        decimals: Number of decimals.
-    """
-    known = [value for value in values if value is not None]
-    if not known:
-        return "-"
-    return "{:.{d}f} ({:.{d}f} to {:.{d}f})".format(
-        np.mean(known), min(known), max(known), d=decimals
-    )
 
 
 def main() -> None:

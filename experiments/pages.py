@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jansen_env.files import write_json, write_text
 
 ROOT = Path(__file__).parents[1]
@@ -53,6 +55,21 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) ->
     """
     rule = ["---"] * texts + ["---:"] * (len(head) - texts)
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *rows))
+
+
+def mean_and_range(values: list[float | None], decimals: int) -> str:
+    """Return a cell with a mean, the lowest and the highest value.
+
+    Args:
+        values: Value of each seed. Slip and cost are None for a robot that did not walk.
+        decimals: Number of decimals.
+    """
+    known = [value for value in values if value is not None]
+    if not known:
+        return "-"
+    return "{:.{d}f} ({:.{d}f} to {:.{d}f})".format(
+        np.mean(known), min(known), max(known), d=decimals
+    )
 
 
 def publish(folder: Path, data: str, results: Any, tables: Mapping[str, Sequence[str]]) -> None:

@@ -24,7 +24,14 @@ SCRIPTS = {
 SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2"}
 """Arguments with which experiments with a command line of their own take seconds."""
 IN_MUJOCO = {"closed_loops", "mujoco_witness", "spring_witness", "transfer"}
-TRAINING = {"algorithms", "longer_training", "serial_chain", "springs"}
+TRAINING = {
+    "algorithms",
+    "gentle_terrain",
+    "longer_training",
+    "mean_load",
+    "serial_chain",
+    "springs",
+}
 
 
 def run(name: str, *arguments: str | Path, folder: Path) -> None:

@@ -41,11 +41,11 @@ def account_for_load(time_step, robot, pressed):
 
     The function changes three values of the robot's record:
 
-    - ``info.ground_load`` becomes the largest load of the windows that ended in this step. It does
-    not
-      change if no window ended.
+    - ``info.ground_load`` becomes the largest load of the windows that ended in this step.
     - ``info.unsupported`` becomes the fraction of time steps in which the robot was unsupported.
     - ``ground_load.unevenness`` becomes the mean of (load - 1)^2 over the windows that ended.
+
+    The load and the unevenness do not change if no window ended.
 
     Args:
         time_step: Time step of the integration, in s.

@@ -46,9 +46,16 @@ MEANS = floats("mean_speed", "mean_slip", "mean_power", "rms_torque")
 WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture", "load")
 REWARD = row_dtype([*floats("tracking", "progress"), *WEIGHTED])
 # Weights of the factors; pitch (rad) beyond which the robot has fallen; whether a joint that
-# touches the ground counts as a fall; and whether a fall ends the episode.
+# touches the ground counts as a fall; whether a fall ends the episode; and whether the cost of the
+# load is a mean over a quarter turn.
 SETTINGS = row_dtype(
-    [*WEIGHTED, ("fall_pitch", float), ("fall_contact", bool), ("ends_episode", bool)]
+    [
+        *WEIGHTED,
+        ("fall_pitch", float),
+        ("fall_contact", bool),
+        ("ends_episode", bool),
+        ("mean_load", bool),
+    ]
 )
 # Accounts that every step updates. They are exact in ``info``, and come from the noisy sensors in
 # ``measured``.
@@ -66,6 +73,7 @@ ROW = row_dtype(
         # Number of control steps after which the command changes; 0 if it never changes.
         ("command_steps", "i8"),
         ("mean_path", float),  # m, distance over which means are taken
+        ("mean_unevenness", float),  # mean of (load - 1)^2
         # Distance walked in the commanded direction, and commanded distance, in m.
         ("covered", float, 2),
         ("measured", ACCOUNTS),  # accounts by odometry, with noisy or onboard sensors
@@ -91,6 +99,7 @@ def begin_walk(robot, walk, advance):
     walk.mean_path = abs(advance) / STEPS_PER_TURN
     walk.next_command = walk.info.speed_command
     walk.covered[0] = walk.covered[1] = 0.0
+    walk.mean_unevenness = 0.0
     _clear_accounts(walk.info)
     _clear_accounts(walk.measured)
     walk.info.fallen = walk.info.is_success = False
@@ -141,6 +150,8 @@ def judge_walk(period, settings, robot, walk, way, slipped):
     torque, velocity = robot.info.crank_torque, robot.info.x_velocity
     power = total.motor_work / period
     keep_accounts(velocity, slipped / period, power, torque, period, command, walk, info)
+    change = robot.ground_load.unevenness - walk.mean_unevenness
+    walk.mean_unevenness += mean_fraction(period, command, walk) * change
     falls = settings.fall_contact and total.non_toe_impulse > 0.0
     falls = falls or abs(state[2]) > settings.fall_pitch
     info.fallen = info.fallen or falls
@@ -172,9 +183,6 @@ def measure_walk(period, robot, walk, velocity, crank_error):
 def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, kept):
     """Update the lag and the exponential means.
 
-    The time constant of the means is the time of a quarter turn of the crank at the commanded
-    speed.
-
     Args:
         velocity: Mean velocity of the crank axis over the step, in m/s.
         slip_speed: Mean slip speed of all toes together, in m/s.
@@ -188,12 +196,27 @@ def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, ke
     """
     lag = kept.lag + (command - velocity) * period
     kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
-    fraction = -mathematics.expm1(-period / mean_time(command, walk.mean_path))
+    fraction = mean_fraction(period, command, walk)
     kept.mean_speed += fraction * (velocity - kept.mean_speed)
     kept.mean_slip += fraction * (slip_speed - kept.mean_slip)
     kept.mean_power += fraction * (abs(power) - kept.mean_power)
     square = kept.rms_torque**2
     kept.rms_torque = math.sqrt(square + fraction * (torque**2 - square))
+
+
+@stage
+def mean_fraction(period, command, walk):
+    """Return the fraction by which an exponential mean approaches the value of a step.
+
+    The time constant of the means is the time of a quarter turn of the crank at the commanded
+    speed.
+
+    Args:
+        period: Duration of the step, in s.
+        command: Commanded speed, in m/s.
+        walk: The task's part of the robot's record.
+    """
+    return -mathematics.expm1(-period / mean_time(command, walk.mean_path))
 
 
 @stage
@@ -229,7 +252,8 @@ def compute_reward(pitch, settings, robot, walk):
     term.effort = factor(effort_cost(info.rms_torque, robot.weight), settings.effort)
     term.smoothness = factor(change_cost(robot.action - robot.action_before), settings.smoothness)
     term.posture = factor(pitch_cost(pitch), settings.posture)
-    term.load = factor(load_cost(robot.ground_load.unevenness), settings.load)
+    unevenness = walk.mean_unevenness if settings.mean_load else robot.ground_load.unevenness
+    term.load = factor(load_cost(unevenness), settings.load)
     style = term.effort * term.smoothness * term.posture * term.load
     return term.tracking * term.progress * term.slip * term.energy * style
 

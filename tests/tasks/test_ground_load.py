@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from jansen_env.engine.ground_load import WINDOW
-from jansen_env.engine.walk_reward import HALF_LOAD
+from jansen_env.engine.walk_reward import HALF_LOAD, STEPS_PER_TURN
+from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
 
 
@@ -112,6 +113,24 @@ def test_the_factor_of_the_load():
         assert info["reward/load"] == pytest.approx(1.0 / (1.0 + ((load - 1.0) / HALF_LOAD) ** 2))
     _, free = walk(load_weight=0.0)
     assert {info["reward/load"] for info in free} == {1.0}
+
+
+def test_the_factor_of_the_mean_load():
+    """The squared deviation of the load is averaged like the slip; all other values are the same.
+
+    A control step has one window here.
+    """
+    env, infos = walk(mean_load=True)
+    duration = abs(advance_per_turn(env.robot)) / STEPS_PER_TURN / 0.3  # at the command 0.3 m/s
+    fraction = 1.0 - np.exp(-env.control_dt / duration)
+    mean = 0.0
+    for load, info in zip(loads(infos), infos, strict=True):
+        mean += fraction * ((load - 1.0) ** 2 - mean)
+        assert info["reward/load"] == pytest.approx(1.0 / (1.0 + mean / HALF_LOAD**2))
+    _, default = walk()
+    for info, other in zip(infos, default, strict=True):
+        for name in set(info) - {"reward/load"}:
+            assert np.all(info[name] == other[name]), name
 
 
 @pytest.mark.parametrize("env_id", ["JansenWalkerBuilt-v0", "JansenCrank-v0", "JansenGoal-v0"])

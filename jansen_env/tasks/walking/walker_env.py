@@ -13,7 +13,7 @@ import numpy as np
 from typing_extensions import Unpack
 
 from jansen_env.arrays import Array
-from jansen_env.checks import invalid, non_negative, positive, within
+from jansen_env.checks import MOST_SINGLE, invalid, non_negative, positive, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
@@ -55,6 +55,7 @@ class WalkerArguments(WorldArguments, total=False):
     smoothness_weight: float
     posture_weight: float
     load_weight: float
+    mean_load: bool
     fall_pitch: float
     fall_contact: bool
     terminate_when_fallen: bool
@@ -78,6 +79,7 @@ class WalkerSettings(WorldSettings):
     smoothness_weight: float = shared(1.0, non_negative)
     posture_weight: float = shared(1.0, non_negative)
     load_weight: float = shared(1.0, non_negative)
+    mean_load: bool = shared(False, flag)
     fall_pitch: float = shared(walk_reward.FALLEN_PITCH, positive)
     fall_contact: bool = shared(True, flag)
     terminate_when_fallen: bool = shared(True, flag)
@@ -114,7 +116,7 @@ class WalkerTask(CompiledTask):
         super().__init__(settings, threads)
         weights = (getattr(settings, f"{factor}_weight") for factor, _ in walk_reward.WEIGHTED)
         fall = settings.fall_pitch, settings.fall_contact, settings.terminate_when_fallen
-        self.world.reward_settings[0] = (*weights, *fall)
+        self.world.reward_settings[0] = (*weights, *fall, settings.mean_load)
         intervals = np.array(settings.command_interval, float)  # NaN for None
         steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
         self.data["command_steps"] = np.where(np.isfinite(intervals), steps, 0.0)
@@ -182,7 +184,12 @@ class WalkerTask(CompiledTask):
     def _checks_of_state(self) -> dict[str, Check]:
         """Return checks of the values that are kept, exact and measured."""
         measured = {f"task.measured.{name}": partial(self._checked, name) for name in ACCOUNTS}
-        return {**super()._checks_of_state(), **measured}
+        unevenness = partial(within, low=0.0, high=MOST_SINGLE)
+        return {
+            **super()._checks_of_state(),
+            **measured,
+            "task.mean_unevenness": unevenness,
+        }
 
 
 class JansenWalkerEnv(SingleEnv[WalkerTask]):
@@ -250,9 +257,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ## Rewards
     A target starts at the position of the robot and moves at the commanded speed. It waits while
     the robot is 0.5 m away from it. A robot that walks at the commanded mean speed, however
-    unevenly, stays with the target. The other costs are also averaged over a stride, by exponential
-    means with the time constant T. T is the time that a quarter turn of the crank takes at the
-    commanded speed: the advance of the robot in a quarter turn
+    unevenly, stays with the target. Speed, slip, power and torque are averaged over a stride, by
+    exponential means with the time constant T. T is the time that a quarter turn of the crank takes
+    at the commanded speed: the advance of the robot in a quarter turn
     (:func:`jansen_env.robot.kinematics.advance_per_turn`; 0.16 m) / \|command\|, limited to 0.2 to
     3.4 s. The means are 0 at first. The reward is the product of the following factors. Each factor
     is between 0 and 1, and ``info`` contains it:
@@ -270,8 +277,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     Here v = max(\|command\|, 0.05 m/s). The last six factors are raised to the powers
     ``slip_weight`` ... ``load_weight``, which are 1 by default; an exponent of 0 leaves a factor
-    out. A robot that stands still earns nothing unless the command is 0. A fall costs what the rest
-    of the episode would have earned.
+    out. With ``mean_load``, the square in ``reward/load`` is also such a mean, so a hard landing
+    lowers the reward of the following steps, too. A robot that stands still earns nothing unless
+    the command is 0. A fall costs what the rest of the episode would have earned.
 
     ## Starting State
     The crank angle is uniform over a turn. The robot is placed at rest at x = 0, on the lowest toe
@@ -381,6 +389,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``joint_play`` | 0 | radial clearance of every pin of the legs in m, 0 to 0.005; or clearances by joint, such as ``{"A": 0.0003}``; only with ``plant="rigid_body"``, see Plants |
     | ``backlash`` | 0 | dead band between the motor and the crank in rad at the crank, 0 to 1; only with ``plant="rigid_body"`` and a motor with a rotor inertia, see Plants |
     | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight``, ``load_weight`` | 1 | exponents of the factors, see Rewards |
+    | ``mean_load`` | False | whether the cost of the load is averaged over a stride, see Rewards |
     | ``reset_noise_scale`` | 0.1 | largest initial crank speed, in rad/s |
     | ``fall_pitch`` | 1.2 | pitch in rad beyond which the robot has fallen |
     | ``fall_contact`` | True | whether a joint on the ground is a fall |

@@ -1,32 +1,34 @@
 """How smoothly do four, six, eight and twelve legs walk?
 
-Run the experiment as follows. The defaults are 64 episodes per command and the folder docs/legs.
+Run the experiment as follows. It takes about a minute on two cores.
 
-    python experiments/legs.py [EPISODES] [FOLDER]
+    python experiments/legs.py [--episodes 64] [--quick]
 
 Robots with the parts of ``built`` and 4, 6, 8 or 12 legs walk at five commands, each under its
-pretrained policy and under a PID that was tuned for it. In addition, robots whose links are
-lighter, so that the whole robot has the mass of the one with four legs, walk under the same
-policies. The script prints a table per metric and writes ``legs.json`` and ``legs.png``. The page
-docs/legs.md contains the tables and the figure, and ``legs.json`` contains the data. The run takes
-about a minute on two cores.
+pretrained policy, under the crank-speed profile that was found for it, and under a PID that was
+tuned for it. In addition, robots whose links are lighter, so that the whole robot has the mass of
+the one with four legs, walk under the same policies. The script writes ``docs/legs/legs.json``,
+``docs/legs/legs.png``, and a table per metric of docs/legs.md.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import gymnasium as gym
 import matplotlib.pyplot as plt
+from pages import options, publish, table
 
 from jansen_env import evaluate
-from jansen_env.files import write_json
 from jansen_env.policies import pretrained
+from jansen_env.policies.policy import Policy
 from jansen_env.robot import Robot, named_robot
 from jansen_env.scoring.benchmarks import find_benchmark
 
+DATA, PAGE = "legs/legs.json", "legs.md"
+FIGURE = "legs/legs.png"
 ENV = "JansenWalkerBuilt-v0"
-COMMANDS = (0.1, 0.2, 0.3, 0.5, 0.8)
+COMMANDS = (0.1, 0.2, 0.3, 0.5, 0.8)  # m/s
 POLICIES = {4: "ppo", 6: "six_legs", 8: "eight_legs", 12: "twelve_legs"}
 METRICS = {
     "return": "return (of 500)",
@@ -35,8 +37,11 @@ METRICS = {
     "steady_slip_per_metre": "slip (m/m)",
     "steady_cost_of_transport": "cost of transport",
 }
-"""Metrics of the figure, with the labels of their axes."""
-SEED = 7
+"""Metrics of the tables and of the figure, with the labels of their axes."""
+BASELINES = ("profile", "pid")
+SEED = 7  # seed of the initial states
+Scores: TypeAlias = dict[str, dict[str, dict[str, list[float]]]]
+"""Mean of each metric per command, by controller and number of legs."""
 LIGHT = "policy, mass of four legs"
 """Label of the robots that all have the mass of the robot with four legs."""
 
@@ -60,16 +65,21 @@ def with_mass(robot: Robot, mass: float) -> Robot:
     return replace(robot, bodies=tuple(links), motor=motor)
 
 
-def measure(episodes: int) -> dict[str, dict[str, dict[str, list[float]]]]:
-    """Return the mean of each metric per command, by controller and number of legs."""
-    results: dict[str, dict[str, dict[str, list[float]]]] = {"policy": {}, "pid": {}, LIGHT: {}}
+def measure(episodes: int) -> Scores:
+    """Return the scores of all robots.
+
+    Args:
+        episodes: Number of episodes per command.
+    """
+    results: Scores = {name: {} for name in ("policy", *BASELINES, LIGHT)}
     mass = named_robot("built").mass
     for legs, name in POLICIES.items():
         robot = named_robot(f"built:{legs}")
         env = gym.make(ENV, robot=robot)
         policy = pretrained.load(ENV, name)
-        pid = find_benchmark(ENV).baselines["pid"](env.unwrapped)
-        robots = {"policy": (robot, policy), "pid": (robot, pid)}
+        robots: dict[str, tuple[Robot, Policy]] = {"policy": (robot, policy)}
+        for baseline in BASELINES:
+            robots[baseline] = robot, find_benchmark(ENV).baselines[baseline](env.unwrapped)
         if legs > min(POLICIES):
             robots[LIGHT] = with_mass(robot, mass), policy
         for controller, (walker, walks) in robots.items():
@@ -85,7 +95,7 @@ def measure(episodes: int) -> dict[str, dict[str, dict[str, list[float]]]]:
     return results
 
 
-def draw(results: dict[str, dict[str, dict[str, list[float]]]], path: Path) -> None:
+def draw(results: Scores, path: Path) -> None:
     """Draw the metrics of the policies against the commanded speed."""
     figure, axes = plt.subplots(3, 2, figsize=(6.0, 7.8), sharex=True, layout="constrained")
     *panels, corner = axes.flat
@@ -103,32 +113,35 @@ def draw(results: dict[str, dict[str, dict[str, list[float]]]], path: Path) -> N
     figure.savefig(path, dpi=140)
 
 
-def table(results: dict[str, dict[str, dict[str, list[float]]]], metric: str) -> str:
-    """Return a table of one metric, as docs/legs.md contains it."""
-    lines = [
-        "| legs | controller | " + " | ".join(f"{command} m/s" for command in COMMANDS) + " |",
-        "| ---: | --- |" + " ---: |" * len(COMMANDS),
-    ]
-    for legs in map(str, POLICIES):
-        for controller, by_legs in results.items():
-            if legs not in by_legs:
-                continue
-            digits = 0 if metric == "return" else 2
-            cells = " | ".join(f"{value:.{digits}f}" for value in by_legs[legs][metric])
-            lines.append(f"| {legs} | {controller} | {cells} |")
-    return "\n".join(lines)
+def tables(results: dict[str, Any]) -> dict[str, list[str]]:
+    """Return the tables of the page, one per metric.
+
+    Args:
+        results: Content of the data file.
+    """
+    head = ["legs", "controller", *(f"{command} m/s" for command in COMMANDS)]
+    scores: Scores = results["scores"]
+    found = []
+    for metric in METRICS:
+        decimals = 0 if metric == "return" else 2
+        rows = [
+            [legs, controller, *(f"{value:.{decimals}f}" for value in by_legs[legs][metric])]
+            for legs in map(str, POLICIES)
+            for controller, by_legs in scores.items()
+            if legs in by_legs
+        ]
+        found.append(table(head, rows, texts=2))
+    return {PAGE: found}
 
 
 def main() -> None:
-    """Measure, print the table, and write the data and the figure."""
-    episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 64
-    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/legs")
-    folder.mkdir(parents=True, exist_ok=True)
-    results = measure(episodes)
-    for metric, label in METRICS.items():
-        print(f"\n{label}\n\n{table(results, metric)}")
-    write_json(folder / "legs.json", {"commands": COMMANDS, "episodes": episodes, **results})
-    draw(results, folder / "legs.png")
+    """Measure, and write the data, the tables and the figure."""
+    args = options(__doc__, episodes=64)
+    episodes = 2 if args.quick else args.episodes
+    scores = measure(episodes)
+    results = {"commands": COMMANDS, "episodes": episodes, "scores": scores}
+    publish(args.out, DATA, results, tables(results))
+    draw(scores, args.out / FIGURE)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ SCRIPTS = {
     if "\ndef main(" in path.read_text(encoding="utf-8")
 }
 """Experiments; the other modules of the folder belong to several of them."""
-SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2"}
+SIZES = {"joint_play": "0.001", "reference_problems": "2"}
 """Arguments with which experiments with a command line of their own take seconds."""
 IN_MUJOCO = {"closed_loops", "mujoco_witness", "spring_witness", "transfer"}
 TRAINING = {
@@ -99,15 +99,6 @@ def test_return_and_success_are_those_of_the_result_files() -> None:
         assert found["policies"].keys() == data["policies"].keys()
         for name, scores in found["policies"].items():  # sums differ between processors
             assert scores == pytest.approx(data["policies"][name]), name
-
-
-def test_the_page_about_legs_shows_its_data() -> None:
-    results = json.loads((ROOT / "docs" / "legs" / "legs.json").read_text(encoding="utf-8"))
-    page = (ROOT / "docs" / "legs.md").read_text(encoding="utf-8")
-    legs = import_module("legs")
-    controllers = {name: results[name] for name in ("policy", "pid", legs.LIGHT)}
-    for metric in legs.METRICS:
-        assert legs.table(controllers, metric) in page, metric
 
 
 def test_a_table_takes_the_place_of_the_one_with_the_same_headings() -> None:

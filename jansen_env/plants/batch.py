@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import override
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import finite
@@ -166,27 +167,16 @@ class Batch(BatchedPlant):
         self._threads = Threads(len(self.robots), threads, memory)
         self._on_shapes = RobotsOnShapes(self._arrays, memory())
 
+    @override
     def set_control(
         self, steps: int, period: float, torque_rate: float = math.inf, **flags: bool
     ) -> None:
-        """Define the control steps; see :meth:`BatchedPlant.set_control`.
-
-        Args:
-            steps: Number of time steps per control step.
-            period: Duration of a control step, in s.
-            torque_rate: Fastest change of commanded torques, in N m/s. Infinite for no limit.
-            **flags: Further fields of ``WORLD`` of :mod:`jansen_env.engine.records`.
-        """
         super().set_control(steps, period, torque_rate, **flags)
         self._make_scratch(self._arguments[2])
         self._reach(period)
 
+    @override
     def _set_machines(self, rows: Ints) -> None:
-        """Store robots without the parameters of an episode, and the tables of their designs.
-
-        Args:
-            rows: Indices of the robots, shape (k,).
-        """
         super()._set_machines(rows)
         numbers = self.designs.number[rows]
         nominal_properties: Any = self.machines["nominal"]
@@ -194,8 +184,8 @@ class Batch(BatchedPlant):
         self.machines["centre"][rows] = self.designs.farthest[numbers, 0]
         self.machines["pad"][rows] = self.designs.farthest[numbers, 1]
 
+    @override
     def reconnect(self) -> None:
-        """Take new views of the records after they have been replaced by new arrays."""
         self._arrays.refresh()
 
     @property
@@ -213,6 +203,7 @@ class Batch(BatchedPlant):
 
     # Robots, parameters and grounds.
 
+    @override
     def set_parameters(self, rows: Ints, values: Rows) -> None:
         """Apply the parameters of an episode, from the next placement on.
 
@@ -229,6 +220,7 @@ class Batch(BatchedPlant):
         self.records.parameters[rows] = values
         self._apply(rows)
 
+    @override
     def check_feet(self, robot: Robot, values: np.void) -> None:
         """Check that the time step is short enough for a robot's compliant feet.
 
@@ -246,6 +238,7 @@ class Batch(BatchedPlant):
         if not self.fixed_chassis:
             check_resolved(robot, values, self.time_step)
 
+    @override
     def check_robot(self, robot: Robot) -> None:
         """Raise the errors that :meth:`set_robots` would raise for this robot.
 
@@ -256,6 +249,7 @@ class Batch(BatchedPlant):
         check_legs(robot, self.robots[0])
         compile_robot(robot)
 
+    @override
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
         """Exchange robots and reset their parameters to the nominal values.
 
@@ -283,6 +277,7 @@ class Batch(BatchedPlant):
         """Return the tables of a robot with the parameters of its episode applied."""
         return compile_robot(machine_of(self.robots[row], self.parameters[row]))
 
+    @override
     def set_terrain(self, row: int, terrain: Ground) -> None:
         """Replace a robot's ground, including its friction and restitution.
 
@@ -318,21 +313,14 @@ class Batch(BatchedPlant):
         for k in np.flatnonzero(~is_near).tolist():
             self._arrays.find_ground(int(rows[k]), float(x[k]))
 
+    @override
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
-        """Place robots at x = 0, look one time step ahead, and set their crank speeds.
-
-        See :meth:`place_at` and :meth:`lookahead`.
-
-        Args:
-            rows: Indices of the robots, shape (k,).
-            crank_angles: Crank angle of each of these robots, in rad, shape (k,).
-            crank_speeds: Crank speed with which each of these robots starts, in rad/s, shape (k,).
-        """
         self.place_at(rows, crank_angles)
         self.lookahead(rows=rows)
         speeds = self.states[:, 7]
         speeds[rows] = crank_speeds
 
+    @override
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
     ) -> None:
@@ -360,6 +348,7 @@ class Batch(BatchedPlant):
         if self.in_contact is not None and 0 in rows:
             self.in_contact = None
 
+    @override
     def set_mechanical_state(
         self, row: int, state: ArrayLike, deflection: Array | None = None
     ) -> None:
@@ -382,15 +371,8 @@ class Batch(BatchedPlant):
         if row == 0:
             self.in_contact = None
 
+    @override
     def keep(self, rows: Ints) -> Callable[[], None]:
-        """Save robots and their grounds.
-
-        Args:
-            rows: Indices of the robots, shape (k,).
-
-        Returns:
-            A function that restores these robots and grounds to what they were at this call.
-        """
         robots = [(self.robots[row], self.terrains[row]) for row in rows.tolist()]
         saved = self.records.copy(rows)
         in_contact = self.in_contact
@@ -409,6 +391,7 @@ class Batch(BatchedPlant):
 
         return undo
 
+    @override
     def step(
         self,
         torque: Array,
@@ -418,27 +401,6 @@ class Batch(BatchedPlant):
         rows: Ints | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold crank torques for some time steps, within the limits of the motors.
-
-        The step of a robot is rejected if the robot becomes faster than
-        :data:`jansen_env.engine.integrator.DIVERGED`, leaves the stretch of ground that is known
-        for the step, or gets too deep into the ground. Such a robot keeps the state that it had
-        before the step, its sums are 0, and its entry in :attr:`diverged` is True. The other robots
-        continue.
-
-        Args:
-            torque: Commanded crank torque of each robot, in N m, shape (n,).
-            steps: Number of time steps.
-            earlier: Torque that is held instead in the first ``switch`` time steps, in N m, shape
-                (n,). If None, ``torque`` is held from the beginning.
-            switch: Number of time steps with the torque ``earlier``, shape (n,).
-            rows: Indices of the robots that move, shape (k,). None for all robots.
-            pushes: Impulse on each chassis at the crank axis in each time step, in the x and y
-                directions of the world, in N s, shape (n, steps, 2). None for no impulses.
-
-        Raises:
-            ValueError: If ``pushes`` has a different shape.
-        """
         if pushes is None:
             pushes = self._no_pushes
         else:
@@ -447,6 +409,7 @@ class Batch(BatchedPlant):
             earlier, switch = self._at_once
         self._run(self._every if rows is None else rows, (torque, earlier, switch, pushes), steps)
 
+    @override
     def control_step(
         self,
         rows: Ints,
@@ -455,17 +418,6 @@ class Batch(BatchedPlant):
         observing: Observing,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """Simulate one control step of some robots; see :mod:`jansen_env.engine.episode`.
-
-        Args:
-            rows: Indices of the robots, shape (k,).
-            actions: Actions of all robots, as fractions of the torque limit, shape (n, 1). The
-                actions of the robots in ``rows`` must be finite.
-            episodes: Parts of the robots' records that belong to the episode and the task.
-            observing: Observations of the robots, and the settings that define them.
-            meanwhile: Function that is called while these robots move. It may place robots that are
-                not in ``rows``.
-        """
         if len(rows) == 0:  # no robot moves; other robots may be placed
             if meanwhile is not None:
                 meanwhile()
@@ -501,6 +453,7 @@ class Batch(BatchedPlant):
         if self.tracing:
             self._keep_trace(trace)
 
+    @override
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
@@ -586,18 +539,12 @@ class Batch(BatchedPlant):
         if far:
             self._find_ground(rows)
 
+    @override
     def shapes(self, row: int) -> ShapePlanes | None:
-        """Return the shapes of a robot's ground in pymunk, or None for a height line."""
         return self._arrays.grounds.shapes[row]
 
+    @override
     def look_down(self, rows: Ints, scan: Array) -> None:
-        """Measure the ground that robots on pymunk's shapes observe.
-
-        Args:
-            rows: Indices of the robots, shape (k,).
-            scan: Positions relative to the crank axis at which a robot observes the height of the
-                ground, in m, shape (points,).
-        """
         for row in self._arrays.split(rows)[1]:
             self._arrays.look_down(row, scan)
 
@@ -642,14 +589,11 @@ class Batch(BatchedPlant):
         self.touchdowns = find_touchdowns(trace, self.in_contact)
         self.in_contact = pads_in_contact(trace)[-1]
 
+    @override
     def refusal(self, torque: float) -> FloatingPointError:
-        """Return the error that describes why the last step of the first robot was rejected.
-
-        Args:
-            torque: Torque that was commanded in that step, in N m.
-        """
         return divergence(self.states[0], torque)
 
+    @override
     def energy(self, row: int) -> float:
         """Return the kinetic plus potential energy of a robot, in J.
 
@@ -659,10 +603,11 @@ class Batch(BatchedPlant):
         model = self.designs.model
         return float(energy(row, robots, model.body, model.springs, self._sums))
 
+    @override
     def pad_centres(self, row: int) -> Array:
-        """Return the centres of a robot's pads, toes first, in m, shape (pads, 2)."""
         return self._arrays.pad_centres(row)
 
+    @override
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """Return the point of the ground nearest to each toe of a robot, and the tangent there.
 
@@ -710,6 +655,7 @@ class Batch(BatchedPlant):
         planes = self._planes[status["first_plane"] : status["end_plane"]]
         return [ContactPlane(*row) for row in planes[[*ContactPlane._fields]].tolist()]
 
+    @override
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
         """Return the forces in every joint of the first robot, averaged over the next time step.
 
@@ -742,6 +688,7 @@ class Batch(BatchedPlant):
         finally:
             self.tracing, self.trace, self.touchdowns = kept
 
+    @override
     def peak_loads(self) -> tuple[float, float]:
         """Return the largest loads on joints of the first robot in its last step.
 
@@ -764,8 +711,8 @@ class Batch(BatchedPlant):
         gravity = self.properties[GRAVITY_XY][0].item()
         return trace_forces(self.tables_in_force(0), self.trace, self.time_step, gravity)
 
+    @override
     def close(self) -> None:
-        """Release the threads."""
         self._threads.close()
 
     def __getstate__(self) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import override
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import finite, invalid, within
@@ -210,6 +211,7 @@ class LooseRotor(GearedRotor):
         self._viscous = robot.motor.viscous_friction / self.ratio**2  # at the rotor, in N m s/rad
         self._excess = self._stator = self._resisting = self._relative = 0.0
 
+    @override
     def start(self, motion: Array) -> None:
         """Set the speed of the rotor to that of an ideal gear, in the middle of the dead band.
 
@@ -247,18 +249,15 @@ class LooseRotor(GearedRotor):
         self._stator = torque / self.ratio + self._resisting
         return self._stator
 
+    @override
     def step(self, motion: Array) -> None:
-        """Advance the rotor by one time step.
-
-        Args:
-            motion: Motion of the bodies at the end of the time step, shape (bodies, 6).
-        """
         self.angle += self.time_step * self.speed
         self.speed += self.time_step * (self.torque + self._stator) / self.inertia
         self._load(motion)
         mean = 0.5 * (self._relative + self.speed - float(motion[CHASSIS, SPIN]))
         self.loss -= self.time_step * self._resisting * mean
 
+    @override
     def _load(self, motion: Array) -> None:
         """Compute the torque of the gear in the next time step.
 
@@ -407,22 +406,17 @@ class RigidBodyBatch(BatchedPlant):
         self.surface: Array = line
         self.records.status["end_vertex"] = len(line)
 
+    @override
     def shapes(self, row: int) -> ShapePlanes | None:
-        """Return the shapes of the ground in pymunk, or None for a height line."""
         return self._shapes
 
+    @override
     def look_down(self, rows: Ints, scan: Array) -> None:
-        """Measure the ground that the robot observes, if it is on pymunk's shapes.
-
-        Args:
-            rows: Index of the robot, shape (1,). An empty array does nothing.
-            scan: Positions relative to the crank axis at which the robot observes the height of the
-                ground, in m, shape (points,).
-        """
         if self._shapes is not None and len(rows) > 0:
             x, y = self.states[0, :2].tolist()
             self._set_line(self._shapes.line_below(x, y, scan))
 
+    @override
     def set_parameters(self, rows: Ints, values: Rows) -> None:
         """Apply the parameters of an episode. After an error, nothing has changed.
 
@@ -438,6 +432,7 @@ class RigidBodyBatch(BatchedPlant):
         check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
         self._go_on(self.robots[0], self.terrains[0], values[0])
 
+    @override
     def set_terrain(self, row: int, terrain: Ground) -> None:
         """Replace the ground, including its friction and restitution.
 
@@ -456,6 +451,7 @@ class RigidBodyBatch(BatchedPlant):
         values["restitution"] = terrain.restitution
         self._go_on(self.robots[0], terrain, values)
 
+    @override
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
         """Exchange the robot and reset its parameters to the nominal values.
 
@@ -496,9 +492,11 @@ class RigidBodyBatch(BatchedPlant):
             raise
         self._memory = memory
 
+    @override
     def check_feet(self, robot: Robot, values: np.void) -> None:
         """Do nothing: feet that are too stiff are rejected when their parameters are applied."""
 
+    @override
     def check_robot(self, robot: Robot) -> None:
         """Raise the errors that :meth:`set_robots` would raise for this robot.
 
@@ -517,15 +515,8 @@ class RigidBodyBatch(BatchedPlant):
         if not robot.pad_compliance.rigid:
             check_stiffness(robot, self.time_step, self._owners)
 
+    @override
     def keep(self, rows: Ints) -> Callable[[], None]:
-        """Save the robot and its ground.
-
-        Args:
-            rows: Index of the robot, shape (1,).
-
-        Returns:
-            A function that restores the robot and its ground to what they were at this call.
-        """
         before = self.__dict__.copy()  # a change builds a new pymunk space and keeps the old one
         saved = self.records.copy(rows)
         joint_gap = self.joint_gap.copy()
@@ -565,6 +556,7 @@ class RigidBodyBatch(BatchedPlant):
         self._in_legs = self._energy_in_legs(now)
         self._record_deflection()
 
+    @override
     def set_mechanical_state(
         self, row: int, state: ArrayLike, deflection: Array | None = None
     ) -> None:
@@ -599,6 +591,7 @@ class RigidBodyBatch(BatchedPlant):
     def in_contact(self, value: Bools | None) -> None:
         self._contacts.set_pressed(value)
 
+    @override
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
         """Place the robot at x = 0, look ahead in time, and set its crank speed.
 
@@ -620,6 +613,7 @@ class RigidBodyBatch(BatchedPlant):
         self.states[:, 7] = crank_speeds
         self.set_mechanical_state(0, self.states[0])
 
+    @override
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
     ) -> None:
@@ -650,9 +644,11 @@ class RigidBodyBatch(BatchedPlant):
         RobotPlacement(arrays).place(rows, crank_angles, x, pitch)
         self._build(records.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
 
+    @override
     def reconnect(self) -> None:
         """Do nothing, because this backend keeps no views of the records."""
 
+    @override
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
@@ -675,6 +671,7 @@ class RigidBodyBatch(BatchedPlant):
         finally:
             self._memory = saved
 
+    @override
     def step(
         self,
         torque: Array,
@@ -708,6 +705,7 @@ class RigidBodyBatch(BatchedPlant):
             impulses = np.zeros((1, steps, 2)) if pushes is None else check_pushes(pushes, 1, steps)
             self._run(float(torque[0]), before, first, impulses[0])
 
+    @override
     def control_step(
         self,
         rows: Ints,
@@ -794,12 +792,8 @@ class RigidBodyBatch(BatchedPlant):
         self.joint_gap[0] = gap
         self.contact_force[0] = sums.impulse[: self.toes] / duration
 
+    @override
     def refusal(self, torque: float) -> FloatingPointError:
-        """Return the error that describes why the last step was rejected.
-
-        Args:
-            torque: Torque that was commanded in that step, in N m.
-        """
         return self._refusal or divergence(self._space.state, torque)
 
     def _refused(self, before: Array, torque: float, gap: float) -> FloatingPointError | None:
@@ -950,6 +944,7 @@ class RigidBodyBatch(BatchedPlant):
         self._build(state, bristle)
         self.in_contact = in_contact
 
+    @override
     def energy(self, row: int) -> float:
         """Return the kinetic plus potential energy of the robot, in J.
 
@@ -957,19 +952,15 @@ class RigidBodyBatch(BatchedPlant):
         """
         return self._space.snapshot().energy + self._stored
 
+    @override
     def pad_centres(self, row: int) -> Array:
-        """Return the centres of the pads, toes first, in m, shape (pads, 2)."""
         return self._space.snapshot().pads
 
+    @override
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """Return the point of the ground nearest to each toe, and the tangent there.
-
-        Returns:
-            The points, in m, shape (toes, 2), and the tangents of the ground at these points, shape
-            (toes, 2).
-        """
         return self._space.contact_frames(self.pad_centres(0)[: self.toes])
 
+    @override
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
         """Raise an error, because this backend does not compute joint forces.
 
@@ -978,6 +969,7 @@ class RigidBodyBatch(BatchedPlant):
         """
         raise ValueError("plant must be 'projection' with joint forces, got 'rigid_body'")
 
+    @override
     def peak_loads(self) -> tuple[float, float]:
         """Raise an error, because this backend does not compute joint forces.
 
@@ -986,6 +978,7 @@ class RigidBodyBatch(BatchedPlant):
         """
         raise ValueError("plant must be 'projection' with joint loads, got 'rigid_body'")
 
+    @override
     def close(self) -> None:
         """Do nothing, because this backend has no threads to release."""
 

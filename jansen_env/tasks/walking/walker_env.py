@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from typing_extensions import Unpack
+from typing_extensions import Unpack, override
 
 from jansen_env.arrays import Array
 from jansen_env.checks import MOST_SINGLE, invalid, non_negative, positive, within
@@ -122,11 +122,12 @@ class WalkerTask(CompiledTask):
         self.data["command_steps"] = np.where(np.isfinite(intervals), steps, 0.0)
         self.data["command_range"] = settings.speed_command
 
+    @override
     def _connect(self) -> None:
-        """Get views of the arrays in the records."""
         super()._connect()
         self.speed_command = self.data["command_range"]
 
+    @override
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in the documented order; those of a derived task come last."""
         places = {"speed_command": 1, "toe_load": 2, "last_action": 3, "height_scan": 5}
@@ -141,6 +142,7 @@ class WalkerTask(CompiledTask):
 
         return tuple(sorted(every, key=place))
 
+    @override
     def progress(self, i: int) -> tuple[float, float]:
         """Return how far a robot walked in the direction of its commands.
 
@@ -153,6 +155,7 @@ class WalkerTask(CompiledTask):
         walked, commanded = self.data["covered"][i].tolist()
         return walked, commanded / (max(1, int(self.world.elapsed[i])) * self.control_dt)
 
+    @override
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check a new range of commands, and a command that applies from the next step on."""
         others = {name: value for name, value in changes.items() if name != "command"}
@@ -168,19 +171,12 @@ class WalkerTask(CompiledTask):
 
         return apply
 
+    @override
     def set_state(self, i: int, state: Values) -> None:
-        """Restore a robot to a state saved by :meth:`get_state`.
-
-        Args:
-            i: Index of the robot.
-            state: The complete state.
-
-        Raises:
-            ValueError: If an entry is out of range.
-        """
         super().set_state(i, state)
         self.data["next_command"][i] = self.info["speed_command"][i]
 
+    @override
     def _checks_of_state(self) -> dict[str, Check]:
         """Return checks of the values that are kept, exact and measured."""
         measured = {f"task.measured.{name}": partial(self._checked, name) for name in ACCOUNTS}

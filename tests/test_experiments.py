@@ -28,6 +28,7 @@ TRAINING = {
     "algorithms",
     "gentle_terrain",
     "longer_training",
+    "lowest_load",
     "mean_load",
     "serial_chain",
     "springs",

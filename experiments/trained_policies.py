@@ -31,7 +31,8 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         quick: Whether to train for two rollouts only.
 
     Raises:
-        ValueError: If the folder contains a run with another robot.
+        ValueError: If the folder contains a run with another robot, or a finished run with another
+            configuration.
     """
     from agents.training.config import new_config
 

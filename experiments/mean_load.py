@@ -1,12 +1,13 @@
 """Do policies land more gently if the reward averages the cost of the load over a stride?
 
-Run the experiment as follows. It takes about 45 minutes on one core.
+Run the experiment as follows. It takes about an hour on one core.
 
     python experiments/mean_load.py [--seeds 3] [--quick]
 
 By default, the reward of a control step contains the load of this step. With the argument
 ``mean_load``, it contains a mean over a stride. The recipe of ``train.py`` for JansenWalkerBuilt-v0
-trains policies of several robots with both rewards, with several seeds. The runs are kept in
+trains policies of several robots with the default, with this mean, and with this mean and a larger
+exponent of the load, each with several seeds. The runs are kept in
 ``logs/mean_load`` and not trained again. Each last model walks at several commands. The script
 writes ``docs/judging/mean_load.json`` and a table of docs/judging.md.
 """
@@ -23,8 +24,12 @@ from jansen_env.registration import training_folder
 DATA, PAGE = "judging/mean_load.json", "judging.md"
 RUNS = Path("logs/mean_load")
 ROBOT_NAMES: tuple[str, ...] = ("built", "stroller", "hiker")
-MEANS: dict[str, dict[str, Any]] = {"step": {}, "stride": {"mean_load": True}}
-"""Arguments of the environments, by the duration over which the cost of the load is averaged."""
+REWARDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "step": ("of a step, exponent 1", {}),
+    "stride": ("of a stride, exponent 1", {"mean_load": True}),
+    "stride3": ("of a stride, exponent 3", {"mean_load": True, "load_weight": 3.0}),
+}
+"""Label of the load in each reward, and arguments of the environment."""
 STEPS = 2_408_448  # environment steps of a training, as in train.py
 COMMANDS = (0.1, 0.3, 0.5, 0.8)  # m/s
 EPISODES = 32  # per command
@@ -35,19 +40,19 @@ METRICS = {
     "steady_slip_per_metre": 3,
     "steady_cost_of_transport": 2,
     "steady_speed_error": 3,
+    "return": 0,
 }
 """Metrics of the table, and the number of decimals."""
 
 
 def train_and_score(
-    robot: str, duration: str, seed: int, steps: int, episodes: int
+    robot: str, reward: str, seed: int, steps: int, episodes: int
 ) -> dict[str, dict[str, float | None]]:
     """Train a model, and return its metrics by command.
 
     Args:
         robot: Name of the robot.
-        duration: Duration over which the reward averages the cost of the load, a key of
-            :data:`MEANS`.
+        reward: Reward of the training, a key of :data:`REWARDS`.
         seed: Seed of the training.
         steps: Number of environment steps of the training.
         episodes: Number of episodes per command.
@@ -56,11 +61,11 @@ def train_and_score(
 
     config = new_config(
         training_folder(ENV) / "ppo.yml",
-        env_kwargs={"robot": robot, **MEANS[duration]},
+        env_kwargs={"robot": robot, **REWARDS[reward][1]},
         seed=seed,
         timesteps=steps,
     )
-    folder = RUNS / f"{robot}_{duration}_{steps}_{seed}"
+    folder = RUNS / f"{robot}_{reward}_{steps}_{seed}"
     file = train_run(folder, config, "python experiments/mean_load.py")
     scores = score_policy(str(file), ROBOTS[robot](), COMMANDS, episodes, SEED)["by_command"]
     return {
@@ -73,27 +78,28 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """Return the table of the page: means over the seeds, and their ranges.
 
     Args:
-        results: Metrics of each run, by robot and duration of the mean.
+        results: Metrics of each run, by robot and reward.
     """
     head = [
         "robot",
-        "cost of the load",
+        "load in the reward",
         "command (m/s)",
         "load (multiple of the weight)",
         "unsupported (fraction of time)",
         "slip per metre (m/m)",
         "cost of transport",
         "speed error (m/s)",
+        "return (default reward)",
     ]
     rows = []
-    for robot, durations in results["runs"].items():
-        for command in durations["step"][0]:
-            for duration, runs in durations.items():
+    for robot, rewards in results["runs"].items():
+        for command in rewards["step"][0]:
+            for reward, runs in rewards.items():
                 cells = [
                     mean_and_range([run[command][metric] for run in runs], decimals)
                     for metric, decimals in METRICS.items()
                 ]
-                rows.append([f"`{robot}`", f"mean over a {duration}", command, *cells])
+                rows.append([f"`{robot}`", REWARDS[reward][0], command, *cells])
     return {PAGE: [table(head, rows, texts=2)]}
 
 
@@ -105,10 +111,8 @@ def main() -> None:
         robots, steps, seeds, episodes = robots[:1], 16_384, 1, 1
     runs = {
         robot: {
-            duration: [
-                train_and_score(robot, duration, seed, steps, episodes) for seed in range(seeds)
-            ]
-            for duration in MEANS
+            reward: [train_and_score(robot, reward, seed, steps, episodes) for seed in range(seeds)]
+            for reward in REWARDS
         }
         for robot in robots
     }

@@ -234,6 +234,8 @@ ENTRIES = {
         "record.action": [*NO_NUMBERS, 1.5],
         "record.torques": [*NO_NUMBERS, [1e300, 0.0], [math.inf, 0.0], [0.0] * 3],
         "record.ground_load.impulse": [*NO_NUMBERS, -1.0],
+        "record.ground_load.unevenness": [*NO_NUMBERS, -1.0],
+        "record.task.mean_unevenness": [*NO_NUMBERS, -1.0],
         "record.parameters.friction": [*NO_NUMBERS, -0.1],
         "record.parameters.delay": [0.5],
         "record.parameters.grip": [1.0],

@@ -178,13 +178,12 @@ class WalkerTask(CompiledTask):
 
     @override
     def _checks_of_state(self) -> dict[str, Check]:
-        """Return checks of the values that are kept, exact and measured."""
+        """Return checks of the accounts, exact and measured, and of the mean for the load."""
         measured = {f"task.measured.{name}": partial(self._checked, name) for name in ACCOUNTS}
-        unevenness = partial(within, low=0.0, high=MOST_SINGLE)
         return {
             **super()._checks_of_state(),
             **measured,
-            "task.mean_unevenness": unevenness,
+            "task.mean_unevenness": partial(within, low=0.0, high=MOST_SINGLE),
         }
 
 

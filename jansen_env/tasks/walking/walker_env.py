@@ -233,7 +233,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     n is the number of toes (4: rf, lf, rb, lb). At a reset, the loads are those at rest. The crank
     angle and the crank speed have the sign of the action: with a positive speed, the robot walks
     towards +x. (In ``info`` they have their physical signs.) The reward is computed from the lag,
-    the means and the RMS torque. With ``noise``, the observed lag and means are computed from
+    the means and the RMS torque. With ``mean_load``, it also depends on a mean that no observation
+    contains, see Rewards. With ``noise``, the observed lag and means are computed from
     measurements, and the mean slip is 0.
 
     With ``height_scan=(behind, ahead, count)``, the terrain is scanned at ``count`` positions,
@@ -272,9 +273,10 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     Here v = max(\|command\|, 0.05 m/s). The last six factors are raised to the powers
     ``slip_weight`` ... ``load_weight``, which are 1 by default; an exponent of 0 leaves a factor
-    out. With ``mean_load``, the square in ``reward/load`` is also such a mean, so a hard landing
-    lowers the reward of the following steps, too. A robot that stands still earns nothing unless
-    the command is 0. A fall costs what the rest of the episode would have earned.
+    out. With ``mean_load``, the square in ``reward/load`` is an exponential mean with the time
+    constant T, too, so a hard landing also lowers the reward of the following steps. A robot that
+    stands still earns nothing unless the command is 0. A fall costs what the rest of the episode
+    would have earned.
 
     ## Starting State
     The crank angle is uniform over a turn. The robot is placed at rest at x = 0, on the lowest toe

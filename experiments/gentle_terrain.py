@@ -5,10 +5,11 @@ Run the experiment as follows. It takes about 55 minutes on one core.
     python experiments/gentle_terrain.py [--episodes 40] [--quick]
 
 The pretrained policy ``hiker`` of JansenWalkerRough-v0 is trained further in several ways, one run
-each: with larger exponents of the load in the reward, with a mean of the load over a stride, and
-with an additional cost that is proportional to the load above :data:`FREE`. The runs are kept in
-``logs/gentle_terrain`` and not trained again. The pretrained policy and each last model walk over
-rough ground. The script writes ``docs/judging/gentle_terrain.json`` and a table of docs/judging.md.
+each: with larger exponents of the load in the reward, with a mean of the cost of the load over a
+stride, and with an additional cost that is proportional to the load above :data:`FREE`. The runs
+are kept in ``logs/gentle_terrain`` and not trained again. The pretrained policy and each last model
+walk over rough ground. The script writes ``docs/judging/gentle_terrain.json`` and a table of
+docs/judging.md.
 """
 
 from __future__ import annotations
@@ -71,13 +72,19 @@ def train_further(run: Run, quick: bool) -> Path:
     """
     from agents.training.config import new_config
 
+    env_kwargs: dict[str, Any] = {"load_weight": run.exponent}
+    name = f"{run.exponent:g}_{run.cost:g}"
+    if run.mean_load:
+        env_kwargs["mean_load"] = True
+        name += "_mean"
+    if quick:
+        name += "_quick"
     config = new_config(
         training_folder(ENV) / "hiker_second.yml",
-        env_kwargs={"load_weight": run.exponent} | ({"mean_load": True} if run.mean_load else {}),
+        env_kwargs=env_kwargs,
         timesteps=8 * 32 if quick else STEPS,
         n_envs=8 if quick else None,
     )
-    name = f"{run.exponent:g}_{run.cost:g}" + "_mean" * run.mean_load + "_quick" * quick
     command = "python experiments/gentle_terrain.py"
     change = add_load_cost(config.reward_scale * run.cost) if run.cost else None
     return train_run(RUNS / name, config, command, f"pretrained:{NAME}", change)

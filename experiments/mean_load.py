@@ -4,11 +4,11 @@ Run the experiment as follows. It takes about 45 minutes on one core.
 
     python experiments/mean_load.py [--seeds 3] [--quick]
 
-By default, the reward of a control step contains the load of this step. With the argument
-``mean_load``, it contains a mean over a stride. The recipe of ``train.py`` for JansenWalkerBuilt-v0
-trains policies of several robots with both rewards, each with several seeds. The runs are kept in
-``logs/mean_load`` and not trained again. Each last model walks at several commands. The script
-writes ``docs/judging/mean_load.json`` and a table of docs/judging.md.
+By default, the reward of a control step contains the cost of the load in this step. With the
+argument ``mean_load``, it contains a mean of this cost over a stride. The recipe of ``train.py``
+for JansenWalkerBuilt-v0 trains policies of several robots with both rewards, each with several
+seeds. The runs are kept in ``logs/mean_load`` and not trained again. Each last model walks at
+several commands. The script writes ``docs/judging/mean_load.json`` and a table of docs/judging.md.
 """
 
 from pathlib import Path
@@ -73,7 +73,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """Return the table of the page: means over the seeds, and their ranges.
 
     Args:
-        results: Metrics of each run, by robot and reward.
+        results: Content of the data file.
     """
     head = [
         "robot",

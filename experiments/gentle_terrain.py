@@ -55,12 +55,12 @@ class Run(NamedTuple):
     Attributes:
         exponent: Exponent of the load in the reward.
         cost: Additional cost of a control step per weight of load above :data:`FREE`.
-        mean_load: Whether the reward averages the cost of the load over a stride.
+        mean_load_cost: Whether the reward averages the cost of the load over a quarter turn.
     """
 
     exponent: float
     cost: float = 0.0
-    mean_load: bool = False
+    mean_load_cost: bool = False
 
 
 def train_further(run: Run, quick: bool) -> Path:
@@ -74,8 +74,8 @@ def train_further(run: Run, quick: bool) -> Path:
 
     env_kwargs: dict[str, Any] = {"load_weight": run.exponent}
     name = f"{run.exponent:g}_{run.cost:g}"
-    if run.mean_load:
-        env_kwargs["mean_load"] = True
+    if run.mean_load_cost:
+        env_kwargs["mean_load_cost"] = True
         name += "_mean"
     if quick:
         name += "_quick"
@@ -172,7 +172,7 @@ def main() -> None:
     """Train, measure, and write the data and the table."""
     args = options(__doc__, episodes=40)
     runs = {f"exponent {exponent:g}": Run(exponent) for exponent in EXPONENTS}
-    runs["exponent 1, mean over a stride"] = Run(1.0, mean_load=True)
+    runs["exponent 1, mean over a quarter turn"] = Run(1.0, mean_load_cost=True)
     runs |= {f"exponent {EXPONENTS[0]:g}, cost {cost:g}": Run(EXPONENTS[0], cost) for cost in COSTS}
     episodes = args.episodes
     if args.quick:

@@ -52,7 +52,7 @@ SCORED_SEED = 7
 RUNS = Path("logs/lowest_load")
 STEPS = 2_408_448  # environment steps of a training, as in train.py
 FOR_THE_LOAD = {
-    "mean_load": True,
+    "mean_load_cost": True,
     "load_weight": 3.0,
     "slip_weight": 0.0,
     "energy_weight": 0.0,

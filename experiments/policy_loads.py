@@ -52,6 +52,9 @@ def walk(env: JansenWalkerEnv, policy: Policy, command: float, seed: int) -> dic
     Returns:
         Largest load and shear of a foot (N), smallest safety factor of a rod against buckling, and
         RMS torque (N m).
+
+    Raises:
+        RuntimeError: If the robot falls.
     """
     plant = cast(Batch, env.plant.batch)
     plant.tracing = True
@@ -67,7 +70,7 @@ def walk(env: JansenWalkerEnv, policy: Policy, command: float, seed: int) -> dic
         hardest.append(plant.trace[order[-HARDEST:]].copy())
         torques.append(info["crank_torque"])
         if fell:
-            break
+            raise RuntimeError(f"the robot fell in the walk with seed {seed} at {command} m/s")
     forces = trace_forces(compile_robot(env.robot), np.concatenate(hardest), TIME_STEP)
     return {
         "load": float(impulses[1]) / TIME_STEP,

@@ -29,7 +29,7 @@ TRAINING = {
     "gentle_terrain",
     "longer_training",
     "lowest_load",
-    "mean_load",
+    "mean_load_cost",
     "serial_chain",
     "springs",
 }

@@ -54,7 +54,7 @@ SETTINGS = row_dtype(
         ("fall_pitch", float),
         ("fall_contact", bool),
         ("ends_episode", bool),
-        ("mean_load", bool),
+        ("mean_load_cost", bool),
     ]
 )
 # Accounts that every step updates. They are exact in ``info``, and come from the noisy sensors in
@@ -73,7 +73,7 @@ ROW = row_dtype(
         # Number of control steps after which the command changes; 0 if it never changes.
         ("command_steps", "i8"),
         ("mean_path", float),  # m, distance over which means are taken
-        ("mean_unevenness", float),  # mean of (load - 1)^2
+        ("mean_unevenness", float),  # exponential mean of (load - 1)^2
         # Distance walked in the commanded direction, and commanded distance, in m.
         ("covered", float, 2),
         ("measured", ACCOUNTS),  # accounts by odometry, with noisy or onboard sensors
@@ -149,9 +149,9 @@ def judge_walk(period, settings, robot, walk, way, slipped):
     walk.covered[1] += abs(command) * period
     torque, velocity = robot.info.crank_torque, robot.info.x_velocity
     power = total.motor_work / period
-    keep_accounts(velocity, slipped / period, power, torque, period, command, walk, info)
-    change = robot.ground_load.unevenness - walk.mean_unevenness
-    walk.mean_unevenness += mean_fraction(period, command, walk) * change
+    fraction = mean_fraction(period, command, walk)
+    keep_accounts(velocity, slipped / period, power, torque, period, command, fraction, info)
+    walk.mean_unevenness += fraction * (robot.ground_load.unevenness - walk.mean_unevenness)
     falls = settings.fall_contact and total.non_toe_impulse > 0.0
     falls = falls or abs(state[2]) > settings.fall_pitch
     info.fallen = info.fallen or falls
@@ -176,11 +176,12 @@ def measure_walk(period, robot, walk, velocity, crank_error):
     """
     torque = robot.info.crank_torque
     power = robot.accumulators.motor_work / period + torque * robot.direction * crank_error
-    keep_accounts(velocity, 0.0, power, torque, period, walk.command, walk, walk.measured)
+    fraction = mean_fraction(period, walk.command, walk)
+    keep_accounts(velocity, 0.0, power, torque, period, walk.command, fraction, walk.measured)
 
 
 @stage
-def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, kept):
+def keep_accounts(velocity, slip_speed, power, torque, period, command, fraction, kept):
     """Update the lag and the exponential means.
 
     Args:
@@ -190,13 +191,12 @@ def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, ke
         torque: Mean torque on the crank, in N m.
         period: Duration of the step, in s.
         command: Commanded speed, in m/s.
-        walk: The task's part of the robot's record.
+        fraction: Fraction by which the means approach the values of this step.
         kept: Record with the fields of :data:`ACCOUNTS`, which are 0 at the beginning of an
             episode.
     """
     lag = kept.lag + (command - velocity) * period
     kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
-    fraction = mean_fraction(period, command, walk)
     kept.mean_speed += fraction * (velocity - kept.mean_speed)
     kept.mean_slip += fraction * (slip_speed - kept.mean_slip)
     kept.mean_power += fraction * (abs(power) - kept.mean_power)
@@ -252,7 +252,7 @@ def compute_reward(pitch, settings, robot, walk):
     term.effort = factor(effort_cost(info.rms_torque, robot.weight), settings.effort)
     term.smoothness = factor(change_cost(robot.action - robot.action_before), settings.smoothness)
     term.posture = factor(pitch_cost(pitch), settings.posture)
-    unevenness = walk.mean_unevenness if settings.mean_load else robot.ground_load.unevenness
+    unevenness = walk.mean_unevenness if settings.mean_load_cost else robot.ground_load.unevenness
     term.load = factor(load_cost(unevenness), settings.load)
     style = term.effort * term.smoothness * term.posture * term.load
     return term.tracking * term.progress * term.slip * term.energy * style

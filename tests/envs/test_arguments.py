@@ -94,7 +94,7 @@ TAKEN = {
     ("*", "push"): {"None", "mapping"},
     ("*", "terminate_when_fallen"): {"flag"},
     ("*", "fall_contact"): {"flag"},
-    ("*", "mean_load"): {"flag"},
+    ("*", "mean_load_cost"): {"flag"},
     ("*", "track_joint_forces"): {"flag"},
     ("*", "observe_lengths"): {"flag"},
     ("*", "links_collide"): {"flag"},

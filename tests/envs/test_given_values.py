@@ -145,7 +145,9 @@ CASES = {
     "smoothness_weight": weight("smoothness"),
     "posture_weight": weight("posture"),
     "load_weight": weight("load"),
-    "mean_load": Case(True, lambda task, i, info: task.world.reward_settings["mean_load"][0]),
+    "mean_load_cost": Case(
+        True, lambda task, i, info: task.world.reward_settings["mean_load_cost"][0]
+    ),
     "fall_pitch": Case(1e-6, lambda task, i, info: info["fallen"], True),
     "fall_contact": Case(
         False, lambda task, i, info: task.world.reward_settings["fall_contact"][0]

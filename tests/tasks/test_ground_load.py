@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 
 from jansen_env.engine.ground_load import WINDOW
-from jansen_env.engine.walk_reward import HALF_LOAD, STEPS_PER_TURN
+from jansen_env.engine.walk_reward import (
+    HALF_LOAD,
+    LONGEST_MEAN,
+    SHORTEST_MEAN,
+    STEPS_PER_TURN,
+)
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
 
@@ -115,20 +120,27 @@ def test_the_factor_of_the_load():
     assert {info["reward/load"] for info in free} == {1.0}
 
 
-def test_the_factor_of_the_mean_load():
+@pytest.mark.parametrize(
+    ("control_dt", "command"), [(0.02, 0.3), (0.02, -0.3), (0.02, 0.0), (0.01, 0.3)]
+)
+def test_the_factor_of_the_mean_load_cost(control_dt, command):
     """The squared deviation of the load is averaged like the slip; all other values are the same.
 
-    A control step has one window here.
+    A control step has at most one window here. A step in which no window ends counts with the load
+    of the last window.
     """
-    env, infos = walk(mean_load=True)
-    duration = abs(advance_per_turn(env.robot)) / STEPS_PER_TURN / 0.3  # at the command 0.3 m/s
-    fraction = 1.0 - np.exp(-env.control_dt / duration)
+    arguments = {"control_dt": control_dt, "speed_command": command}
+    env, infos = walk(mean_load_cost=True, **arguments)
+    path = abs(advance_per_turn(env.robot)) / STEPS_PER_TURN
+    duration = np.clip(path / max(abs(command), 1e-9), SHORTEST_MEAN, LONGEST_MEAN)
+    fraction = 1.0 - np.exp(-control_dt / duration)
+    _, default = walk(**arguments)
     mean = 0.0
-    for load, info in zip(loads(infos), infos, strict=True):
-        mean += fraction * ((load - 1.0) ** 2 - mean)
+    for k, (info, other) in enumerate(zip(infos, default, strict=True)):
+        ended = control_dt == WINDOW or k > 0  # before the first window ends, the deviation is 0
+        deviation = info["ground_load"] - 1.0 if ended else 0.0
+        mean += fraction * (deviation**2 - mean)
         assert info["reward/load"] == pytest.approx(1.0 / (1.0 + mean / HALF_LOAD**2))
-    _, default = walk()
-    for info, other in zip(infos, default, strict=True):
         for name in set(info) - {"reward/load"}:
             assert np.all(info[name] == other[name]), name
 

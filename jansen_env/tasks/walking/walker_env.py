@@ -55,7 +55,7 @@ class WalkerArguments(WorldArguments, total=False):
     smoothness_weight: float
     posture_weight: float
     load_weight: float
-    mean_load: bool
+    mean_load_cost: bool
     fall_pitch: float
     fall_contact: bool
     terminate_when_fallen: bool
@@ -79,7 +79,7 @@ class WalkerSettings(WorldSettings):
     smoothness_weight: float = shared(1.0, non_negative)
     posture_weight: float = shared(1.0, non_negative)
     load_weight: float = shared(1.0, non_negative)
-    mean_load: bool = shared(False, flag)
+    mean_load_cost: bool = shared(False, flag)
     fall_pitch: float = shared(walk_reward.FALLEN_PITCH, positive)
     fall_contact: bool = shared(True, flag)
     terminate_when_fallen: bool = shared(True, flag)
@@ -116,7 +116,7 @@ class WalkerTask(CompiledTask):
         super().__init__(settings, threads)
         weights = (getattr(settings, f"{factor}_weight") for factor, _ in walk_reward.WEIGHTED)
         fall = settings.fall_pitch, settings.fall_contact, settings.terminate_when_fallen
-        self.world.reward_settings[0] = (*weights, *fall, settings.mean_load)
+        self.world.reward_settings[0] = (*weights, *fall, settings.mean_load_cost)
         intervals = np.array(settings.command_interval, float)  # NaN for None
         steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
         self.data["command_steps"] = np.where(np.isfinite(intervals), steps, 0.0)
@@ -233,7 +233,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     n is the number of toes (4: rf, lf, rb, lb). At a reset, the loads are those at rest. The crank
     angle and the crank speed have the sign of the action: with a positive speed, the robot walks
     towards +x. (In ``info`` they have their physical signs.) The reward is computed from the lag,
-    the means and the RMS torque. With ``mean_load``, it also depends on a mean that no observation
+    the means and the RMS torque. With ``mean_load_cost``, it also depends on a mean that no observation
     contains, see Rewards. With ``noise``, the observed lag and means are computed from
     measurements, and the mean slip is 0.
 
@@ -253,9 +253,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ## Rewards
     A target starts at the position of the robot and moves at the commanded speed. It waits while
     the robot is 0.5 m away from it. A robot that walks at the commanded mean speed, however
-    unevenly, stays with the target. Speed, slip, power and torque are averaged over a stride, by
-    exponential means with the time constant T. T is the time that a quarter turn of the crank takes
-    at the commanded speed: the advance of the robot in a quarter turn
+    unevenly, stays with the target. Speed, slip, power and torque are averaged over a step of the
+    feet, by exponential means with the time constant T. T is the time that a quarter turn of the
+    crank takes at the commanded speed: the advance of the robot in a quarter turn
     (:func:`jansen_env.robot.kinematics.advance_per_turn`; 0.16 m) / \|command\|, limited to 0.2 to
     3.4 s. The means are 0 at first. The reward is the product of the following factors. Each factor
     is between 0 and 1, and ``info`` contains it:
@@ -273,7 +273,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     Here v = max(\|command\|, 0.05 m/s). The last six factors are raised to the powers
     ``slip_weight`` ... ``load_weight``, which are 1 by default; an exponent of 0 leaves a factor
-    out. With ``mean_load``, the square in ``reward/load`` is an exponential mean with the time
+    out. With ``mean_load_cost``, the square in ``reward/load`` is an exponential mean with the time
     constant T, too, so a hard landing also lowers the reward of the following steps. A robot that
     stands still earns nothing unless the command is 0. A fall costs what the rest of the episode
     would have earned.
@@ -386,7 +386,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``joint_play`` | 0 | radial clearance of every pin of the legs in m, 0 to 0.005; or clearances by joint, such as ``{"A": 0.0003}``; only with ``plant="rigid_body"``, see Plants |
     | ``backlash`` | 0 | dead band between the motor and the crank in rad at the crank, 0 to 1; only with ``plant="rigid_body"`` and a motor with a rotor inertia, see Plants |
     | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight``, ``load_weight`` | 1 | exponents of the factors, see Rewards |
-    | ``mean_load`` | False | whether the cost of the load is averaged over a stride, see Rewards |
+    | ``mean_load_cost`` | False | whether the cost of the load is averaged over a quarter turn of the crank, see Rewards |
     | ``reset_noise_scale`` | 0.1 | largest initial crank speed, in rad/s |
     | ``fall_pitch`` | 1.2 | pitch in rad beyond which the robot has fallen |
     | ``fall_contact`` | True | whether a joint on the ground is a fall |

@@ -1,14 +1,15 @@
-"""Do policies land more gently if the reward averages the cost of the load over a stride?
+"""Do policies land more gently if the reward averages the cost of the load?
 
 Run the experiment as follows. It takes about 45 minutes on one core.
 
-    python experiments/mean_load.py [--seeds 3] [--quick]
+    python experiments/mean_load_cost.py [--seeds 3] [--quick]
 
 By default, the reward of a control step contains the cost of the load in this step. With the
-argument ``mean_load``, it contains a mean of this cost over a stride. The recipe of ``train.py``
-for JansenWalkerBuilt-v0 trains policies of several robots with both rewards, each with several
-seeds. The runs are kept in ``logs/mean_load`` and not trained again. Each last model walks at
-several commands. The script writes ``docs/judging/mean_load.json`` and a table of docs/judging.md.
+argument ``mean_load_cost``, it contains a mean of this cost over a quarter turn of the crank. The
+recipe of ``train.py`` for JansenWalkerBuilt-v0 trains policies of several robots with both rewards,
+each with several seeds. The runs are kept in ``logs/mean_load_cost`` and not trained again. Each
+last model walks at several commands. The script writes ``docs/judging/mean_load_cost.json`` and a
+table of docs/judging.md.
 """
 
 from pathlib import Path
@@ -20,11 +21,11 @@ from trained_policies import ENV, score_policy, train_run
 from jansen_env import ROBOTS
 from jansen_env.registration import training_folder
 
-DATA, PAGE = "judging/mean_load.json", "judging.md"
-RUNS = Path("logs/mean_load")
+DATA, PAGE = "judging/mean_load_cost.json", "judging.md"
+RUNS = Path("logs/mean_load_cost")
 ROBOT_NAMES: tuple[str, ...] = ("built", "stroller", "hiker")
-REWARDS: dict[str, dict[str, Any]] = {"step": {}, "stride": {"mean_load": True}}
-"""Arguments of the environments, by the duration over which the reward averages the load."""
+REWARDS: dict[str, dict[str, Any]] = {"control step": {}, "quarter turn": {"mean_load_cost": True}}
+"""Arguments of the environments, by the duration over which the cost of the load is averaged."""
 STEPS = 2_408_448  # environment steps of a training, as in train.py
 COMMANDS = (0.1, 0.3, 0.5, 0.8)  # m/s
 EPISODES = 32  # per command
@@ -60,8 +61,8 @@ def train_and_score(
         seed=seed,
         timesteps=steps,
     )
-    folder = RUNS / f"{robot}_{reward}_{steps}_{seed}"
-    file = train_run(folder, config, "python experiments/mean_load.py")
+    folder = RUNS / f"{robot}_{reward.replace(' ', '_')}_{steps}_{seed}"
+    file = train_run(folder, config, "python experiments/mean_load_cost.py")
     scores = score_policy(str(file), ROBOTS[robot](), COMMANDS, episodes, SEED)["by_command"]
     return {
         str(command): {metric: scores[metric]["value"][k] for metric in METRICS}
@@ -77,7 +78,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     """
     head = [
         "robot",
-        "load in the reward",
+        "cost of the load averaged over",
         "command (m/s)",
         "load (multiple of the weight)",
         "unsupported (fraction of time)",
@@ -88,13 +89,13 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     ]
     rows = []
     for robot, rewards in results["runs"].items():
-        for command in rewards["step"][0]:
+        for command in rewards["control step"][0]:
             for reward, runs in rewards.items():
                 cells = [
                     mean_and_range([run[command][metric] for run in runs], decimals)
                     for metric, decimals in METRICS.items()
                 ]
-                rows.append([f"`{robot}`", f"of a {reward}", command, *cells])
+                rows.append([f"`{robot}`", f"a {reward}", command, *cells])
     return {PAGE: [table(head, rows, texts=2)]}
 
 
@@ -111,7 +112,8 @@ def main() -> None:
         }
         for robot in robots
     }
-    publish(args.out, DATA, {"runs": runs}, tables({"runs": runs}))
+    results = {"steps": steps, "episodes": episodes, "seed": SEED, "runs": runs}
+    publish(args.out, DATA, results, tables(results))
 
 
 if __name__ == "__main__":

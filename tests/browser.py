@@ -31,7 +31,7 @@ ARGUMENTS = (
     "--disable-sync",
 )
 
-WAIT = 10_000  # ms that a page may take
+WAIT = 30_000  # ms that a page may take
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, canvas, dialog, .handle")]
     .filter((e) => !(e.ariaLabel || e.textContent.trim() || e.labels?.length

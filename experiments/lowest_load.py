@@ -21,7 +21,7 @@ from typing import Any, cast
 import cma
 import gymnasium as gym
 import numpy as np
-from pages import options, publish, table
+from pages import options, publish, rounded, table
 from trained_policies import train_run
 
 from jansen_env import evaluate
@@ -209,7 +209,7 @@ def tables(results: dict[str, dict[str, dict[str, dict[str, Any]]]]) -> dict[str
             name,
             command,
             f"{scores['speed']:.2f}",
-            *(f"{scores[metric][0]:.{digits}f}" for metric, digits in METRICS.items()),
+            *(rounded(scores[metric][0], digits) for metric, digits in METRICS.items()),
         ]
         for robot, by_command in results.items()
         for command, by_controller in by_command.items()
@@ -225,7 +225,7 @@ def main() -> None:
     commands: tuple[float, ...] = COMMANDS
     generations, steps, episodes = args.generations, STEPS, args.episodes
     if args.quick:
-        robots, commands, generations, steps, episodes = robots[-1:], COMMANDS[:1], 1, 16_384, 1
+        robots, commands, generations, steps, episodes = robots[:1], COMMANDS[:1], 1, 16_384, 1
     results = {robot: measure(robot, commands, generations, steps, episodes) for robot in robots}
     publish(args.out, DATA, results, tables(results))
 

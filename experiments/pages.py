@@ -57,6 +57,16 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) ->
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *rows))
 
 
+def rounded(value: float | None, decimals: int) -> str:
+    """Return a cell with a number.
+
+    Args:
+        value: The number. Slip and cost are None for a robot that did not walk.
+        decimals: Number of decimals.
+    """
+    return "-" if value is None else f"{value:.{decimals}f}"
+
+
 def mean_and_range(values: list[float | None], decimals: int) -> str:
     """Return a cell with a mean, the lowest and the highest value.
 

@@ -15,7 +15,7 @@ from contextlib import nullcontext
 from typing import Any
 
 from mujoco_backend import environments_in_mujoco
-from pages import options, publish, table
+from pages import options, publish, rounded, table
 from scipy.stats import spearmanr
 
 from jansen_env import Compliance, evaluate
@@ -160,14 +160,9 @@ def rank_correlation(policies: dict[str, Scores], without: str = "") -> tuple[fl
     return float(found.statistic), float(found.pvalue)
 
 
-def shown(value: float | None, decimals: int) -> str:
-    """Return a number as text, or a dash for None."""
-    return "-" if value is None else f"{value:.{decimals}f}"
-
-
 def value_of(scores: Scores, condition: str, metric: str, decimals: int) -> str:
     """Return a metric under a condition as text."""
-    return shown(scores[condition][metric][0] if condition in scores else None, decimals)
+    return rounded(scores[condition][metric][0] if condition in scores else None, decimals)
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
@@ -177,7 +172,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
     kept = [
         [
             name,
-            *(shown(kept_return(scores, condition), 2) for condition in changed),
+            *(rounded(kept_return(scores, condition), 2) for condition in changed),
             "{:.2f} ({})".format(*worst(scores)),
         ]
         for name, scores in policies.items()

@@ -16,7 +16,12 @@ import pytest
 from agents.export import export
 from jansen_env import ROBOTS
 from jansen_env.engine.onboard_estimates import estimate_onboard
-from jansen_env.engine.walk_reward import ACCOUNTS, STEPS_PER_TURN, keep_accounts
+from jansen_env.engine.walk_reward import (
+    ACCOUNTS,
+    STEPS_PER_TURN,
+    keep_accounts,
+    mean_fraction,
+)
 from jansen_env.policies import pretrained
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.motor import MOTORS
@@ -255,7 +260,8 @@ class InPython:
         estimate_onboard(period, not first, self.robot, self.paths, columns, self.seen[0])
         velocity = float(self.seen[0, self.columns["crank_axis_x_velocity"]])
         if not first:
-            keep_accounts(velocity, 0.0, 0.0, 0.0, period, speed_command, self.walk, self.kept)
+            fraction = mean_fraction(period, speed_command, self.walk)
+            keep_accounts(velocity, 0.0, 0.0, 0.0, period, speed_command, fraction, self.kept)
         self.seen[0, self.columns["lag"]] = self.kept.lag
         self.seen[0, self.columns["mean_speed"]] = self.kept.mean_speed
         action = float(self.policy.predict(self.seen)[0][0, 0])

@@ -56,6 +56,12 @@ def reads(page: Any, name: str, pattern: str, timeout: float = WAIT) -> None:
     expect(page.locator(f"#{name}")).to_have_text(re.compile(pattern), timeout=timeout)
 
 
+def wait_for_walk(page: Any) -> None:
+    """Wait until the walk page has begun, and listens to keys."""
+    page.locator("#robot").wait_for(timeout=WAIT)
+    page.locator("#starting").wait_for(state="detached", timeout=WAIT)
+
+
 def chromium() -> str | None:
     """Where the browser is: $CHROMIUM, or else one on the path."""
     given = os.environ.get("CHROMIUM")

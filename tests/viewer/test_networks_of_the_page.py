@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from browser import WAIT, reads
+from browser import WAIT, reads, wait_for_walk
 
 from jansen_env.cli.play import parse, start_of
 from jansen_env.policies import pretrained
@@ -63,7 +63,7 @@ def test_a_network_is_loaded_when_it_is_chosen(open_window, apart):
     window = open_window(reduced_motion="reduce", offline=True)
     page = window.page
     page.goto(apart.as_uri())
-    page.locator("#robot").wait_for(timeout=WAIT)
+    wait_for_walk(page)
     assert len(window.requests) == 1
     page.get_by_label("robot", exact=True).select_option("hiker")
     page.locator("figcaption b", has_text="hiker, hiker policy").wait_for(timeout=WAIT)
@@ -85,7 +85,7 @@ def test_choices_that_follow_fast_are_all_taken(open_window, apart):
     """They are taken while a network is loading, too."""
     page = open_window(reduced_motion="reduce", offline=True).page
     page.goto(apart.as_uri())
-    page.locator("#robot").wait_for(timeout=WAIT)
+    wait_for_walk(page)
     page.evaluate(
         """() => {
           for (const [name, value] of [["robot", "hiker"], ["terrain", "rough"], ["level", "3"]]) {

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import WAIT, reads
+from browser import reads, wait_for_walk
 from motions import SPRINGS
 from test_walk_engine import in_node, numbers
 from test_walk_page import STILL, score, until
@@ -326,7 +326,7 @@ def test_a_dropped_robot_file_walks(open_window, tmp_path):
     path = write_walk(tmp_path / "walk.html")
     page = open_window(**STILL).page
     page.goto(path.as_uri())
-    page.locator("#robot").wait_for(timeout=WAIT)
+    wait_for_walk(page)
     drop = """([name, text]) => {
       const dataTransfer = new DataTransfer();
       dataTransfer.items.add(new File([text], name));

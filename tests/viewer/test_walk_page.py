@@ -8,7 +8,7 @@ import webbrowser
 import gymnasium as gym
 import numpy as np
 import pytest
-from browser import NAMELESS, PHONE, WAIT, check_phone, reads, wait_for
+from browser import NAMELESS, PHONE, WAIT, check_phone, reads, wait_for, wait_for_walk
 
 from jansen_env.cli.play import main
 from jansen_env.policies import pretrained
@@ -33,6 +33,7 @@ def opened(open_window, path):
     def page(choices="", **options):
         window = open_window(offline=True, **(options or STILL))
         window.page.goto(f"{path.as_uri()}#{choices}")
+        wait_for_walk(window.page)
         assert [url.split("#")[0] for url in window.requests] == [path.as_uri()]
         return window.page
 
@@ -217,7 +218,7 @@ def test_lengths_of_the_bench_walk(open_window, path):
     page = open_window(**STILL).page
     page.goto(f"{path.with_name('bench.html').as_uri()}#klann&rod_AD=470")
     page.locator("#walk").click()
-    page.locator("#robot").wait_for(timeout=WAIT)
+    wait_for_walk(page)
     assert page.locator("#robot").input_value() == "klann&rod_AD=470"
     page.keyboard.press("p")
     until(page, lambda: score(page, "distance") > 0.1)
@@ -269,7 +270,6 @@ def test_a_ground_is_drawn(opened):
 def test_a_walk_is_saved(opened):
     """The file has its start, and what came in each step."""
     page = opened("control=hand&friction=0.5")
-    until(page, lambda: score(page, "time") >= 0.0)  # an episode has begun
     page.keyboard.press(" ")
     page.keyboard.press("p")
     until(page, lambda: score(page, "time") > 0.3)

@@ -8,7 +8,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 import gymnasium as gym
 import numpy as np
 import pytest
-from browser import WAIT
+from browser import WAIT, wait_for_walk
 
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.web.bench import write_bench
@@ -104,7 +104,7 @@ def test_a_browser_that_refuses_synchronous_modules_walks(page, folder):
              WebAssembly[name] = function () { throw new RangeError(`${name} is too large`); };"""
     )
     page.goto((folder / "walk.html").as_uri())
-    page.locator("#robot").wait_for(timeout=WAIT)
+    wait_for_walk(page)
     page.keyboard.press("p")
     page.locator("figcaption dd", has_text=re.compile(r"^[1-9]\.\d s$")).first.wait_for(
         timeout=WAIT

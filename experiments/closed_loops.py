@@ -32,6 +32,7 @@ from reference_problems import (
     SQUEEZER_TORQUE,
     squeezer,
 )
+from typing_extensions import override
 from walks import CONTROL_DT, walk
 
 from jansen_env import ROBOTS, Compliance, Robot, Terrain
@@ -130,9 +131,9 @@ class Machine(Protocol):
     """CPU time of all steps so far, in s."""
 
     quick: bool
-    """Whether a step takes so little CPU time that other measurements would distort this time.
+    """Whether the CPU time of a step is too short to be measured together with other quantities.
 
-    The CPU time of such a machine is measured in separate runs.
+    If so, the CPU time is measured in separate runs.
     """
 
     def advance(self, torque: float, duration: float) -> None:
@@ -387,6 +388,7 @@ class SetBatch(MujocoBatch):
         self._setting = setting
         super().__init__(robot, terrain, setting.time_step)
 
+    @override
     def _model_text(self) -> str:
         """Return the robot on its terrain as MJCF with the settings."""
         ground: Any = self._ground

@@ -6,10 +6,10 @@ Run the experiment as follows. It takes about 55 minutes on one core.
 
 The pretrained policy ``hiker`` of JansenWalkerRough-v0 is trained further in several ways, one run
 each: with larger exponents of the load in the reward, with a mean of the cost of the load over a
-stride, and with an additional cost that is proportional to the load above :data:`FREE`. The runs
-are kept in ``logs/gentle_terrain`` and not trained again. The pretrained policy and each last model
-walk over rough ground. The script writes ``docs/judging/gentle_terrain.json`` and a table of
-docs/judging.md.
+quarter turn of the crank, and with an additional cost that is proportional to the load above
+:data:`FREE`. The runs are kept in ``logs/gentle_terrain`` and not trained again. The pretrained
+policy and each last model walk over rough ground. The script writes
+``docs/judging/gentle_terrain.json`` and a table of docs/judging.md.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pages import options, publish, table
 from trained_policies import train_run
+from typing_extensions import override
 
 from jansen_env import evaluate
 from jansen_env.policies import pretrained
@@ -103,10 +104,12 @@ def add_load_cost(cost: float) -> Callable[[BaseAlgorithm], None]:
     class LoadCost(VecEnvWrapper):
         """Environments whose rewards contain the cost of the load."""
 
+        @override
         def reset(self) -> Any:
             """Reset all environments; return the observations."""
             return self.venv.reset()
 
+        @override
         def step_wait(self) -> Any:
             """Return the results of a step, with changed rewards."""
             observations, rewards, dones, infos = self.venv.step_wait()

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from pages import mean_and_range, options, publish, table
-from trained_policies import ENV, score_policy, train_run
+from trained_policies import ROLLOUT, score_by_command, train_recipe
 
 from jansen_env import ROBOTS
-from jansen_env.registration import training_folder
 
 DATA, PAGE = "judging/longer_training.json", "judging.md"
 RUNS = Path("logs/longer_training")
@@ -43,15 +42,10 @@ def train_and_score(steps: int, seed: int, episodes: int) -> dict[str, dict[str,
         seed: Seed of the training.
         episodes: Number of episodes per command.
     """
-    from agents.training.config import new_config
-
-    config = new_config(training_folder(ENV) / "ppo.yml", seed=seed, timesteps=steps)
-    file = train_run(RUNS / f"{steps}_{seed}", config, "python experiments/longer_training.py")
-    scores = score_policy(str(file), ROBOTS["built"](), COMMANDS, episodes, SEED)["by_command"]
-    return {
-        str(command): {metric: scores[metric]["value"][k] for metric in METRICS}
-        for k, command in enumerate(COMMANDS)
-    }
+    file = train_recipe(
+        RUNS / f"{steps}_{seed}", "python experiments/longer_training.py", seed=seed, steps=steps
+    )
+    return score_by_command(str(file), ROBOTS["built"](), COMMANDS, METRICS, episodes, SEED)
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
@@ -85,7 +79,7 @@ def main() -> None:
     args = options(__doc__, seeds=3)
     steps, seeds, episodes = STEPS, args.seeds, EPISODES
     if args.quick:
-        steps, seeds, episodes = (16_384,), 1, 1
+        steps, seeds, episodes = (ROLLOUT,), 1, 1
     runs = {
         str(count): [train_and_score(count, seed, episodes) for seed in range(seeds)]
         for count in steps

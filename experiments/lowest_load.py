@@ -22,13 +22,12 @@ import cma
 import gymnasium as gym
 import numpy as np
 from pages import options, publish, rounded, table
-from trained_policies import train_run
+from trained_policies import ROLLOUT, train_recipe
 
 from jansen_env import evaluate
 from jansen_env.arrays import Array
 from jansen_env.policies import pretrained
 from jansen_env.policies.policy import Controlled, Policy, TorquePolicy, columns
-from jansen_env.registration import training_folder
 from jansen_env.scoring.rollout import run_episodes
 from jansen_env.tasks.walking.profile import READ, load_profile, profile_torque
 
@@ -50,7 +49,6 @@ UNSUPPORTED_COST = 4.0  # a tenth of the time in the air costs as much as 0.4 we
 FIRST_SEED = 40_000  # no other part of the project uses these seeds
 SCORED_SEED = 7
 RUNS = Path("logs/lowest_load")
-STEPS = 2_408_448  # environment steps of a training, as in train.py
 FOR_THE_LOAD = {
     "mean_load_cost": True,
     "load_weight": 3.0,
@@ -121,25 +119,8 @@ def search(command: float, generations: int, robot: str, env: Controlled) -> Arr
     return np.asarray(best * UNITS)
 
 
-def train_gentle(robot: str, steps: int) -> Path:
-    """Train a policy for a low load, and return the file of the model.
-
-    Args:
-        robot: Name of the robot.
-        steps: Number of environment steps of the training.
-    """
-    from agents.training.config import new_config
-
-    config = new_config(
-        training_folder(ENV) / "ppo.yml",
-        env_kwargs={"robot": robot, **FOR_THE_LOAD},
-        timesteps=steps,
-    )
-    return train_run(RUNS / f"{robot}_{steps}", config, "python experiments/lowest_load.py")
-
-
 def measure(
-    robot: str, commands: Sequence[float], generations: int, steps: int, episodes: int
+    robot: str, commands: Sequence[float], generations: int, steps: int | None, episodes: int
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """Search and train, and score the gentlest controllers and the packaged ones.
 
@@ -147,7 +128,7 @@ def measure(
         robot: Name of the robot.
         commands: Commanded speeds, in m/s.
         generations: Number of generations of a search.
-        steps: Number of environment steps of a training.
+        steps: Number of environment steps of a training. None for that of ``train.py``.
         episodes: Number of scored episodes per command.
 
     Returns:
@@ -157,7 +138,13 @@ def measure(
 
     made = gym.make(ENV, robot=robot)
     env = cast("Controlled", made.unwrapped)
-    gentle = load_named(str(train_gentle(robot, steps)), made)
+    file = train_recipe(
+        RUNS / (robot if steps is None else f"{robot}_{steps}"),
+        "python experiments/lowest_load.py",
+        {"robot": robot, **FOR_THE_LOAD},
+        steps=steps,
+    )
+    gentle = load_named(str(file), made)
     results: dict[str, dict[str, dict[str, Any]]] = {}
     for command in commands:
         numbers = search(command, generations, robot, env)
@@ -223,9 +210,9 @@ def main() -> None:
     args = options(__doc__, generations=60, episodes=64)
     robots = [*POLICIES]
     commands: tuple[float, ...] = COMMANDS
-    generations, steps, episodes = args.generations, STEPS, args.episodes
+    generations, steps, episodes = args.generations, None, args.episodes
     if args.quick:
-        robots, commands, generations, steps, episodes = robots[:1], COMMANDS[:1], 1, 16_384, 1
+        robots, commands, generations, steps, episodes = robots[:1], COMMANDS[:1], 1, ROLLOUT, 1
     results = {robot: measure(robot, commands, generations, steps, episodes) for robot in robots}
     publish(args.out, DATA, results, tables(results))
 

@@ -16,17 +16,15 @@ from pathlib import Path
 from typing import Any
 
 from pages import mean_and_range, options, publish, table
-from trained_policies import ENV, score_policy, train_run
+from trained_policies import ROLLOUT, score_by_command, train_recipe
 
 from jansen_env import ROBOTS
-from jansen_env.registration import training_folder
 
 DATA, PAGE = "judging/mean_load_cost.json", "judging.md"
 RUNS = Path("logs/mean_load_cost")
 ROBOT_NAMES: tuple[str, ...] = ("built", "stroller", "hiker")
 REWARDS: dict[str, dict[str, Any]] = {"control step": {}, "quarter turn": {"mean_load_cost": True}}
 """Arguments of the environments, by the duration over which the cost of the load is averaged."""
-STEPS = 2_408_448  # environment steps of a training, as in train.py
 COMMANDS = (0.1, 0.3, 0.5, 0.8)  # m/s
 EPISODES = 32  # per command
 SEED = 7  # seed of the scored episodes
@@ -42,7 +40,7 @@ METRICS = {
 
 
 def train_and_score(
-    robot: str, reward: str, seed: int, steps: int, episodes: int
+    robot: str, reward: str, seed: int, steps: int | None, episodes: int
 ) -> dict[str, dict[str, float | None]]:
     """Train a model, and return its metrics by command.
 
@@ -50,24 +48,18 @@ def train_and_score(
         robot: Name of the robot.
         reward: Reward of the training, a key of :data:`REWARDS`.
         seed: Seed of the training.
-        steps: Number of environment steps of the training.
+        steps: Number of environment steps of the training. None for that of ``train.py``.
         episodes: Number of episodes per command.
     """
-    from agents.training.config import new_config
-
-    config = new_config(
-        training_folder(ENV) / "ppo.yml",
-        env_kwargs={"robot": robot, **REWARDS[reward]},
-        seed=seed,
-        timesteps=steps,
+    name = f"{robot}_{reward.replace(' ', '_')}_{seed}"
+    file = train_recipe(
+        RUNS / (name if steps is None else f"{name}_{steps}"),
+        "python experiments/mean_load_cost.py",
+        {"robot": robot, **REWARDS[reward]},
+        seed,
+        steps,
     )
-    folder = RUNS / f"{robot}_{reward.replace(' ', '_')}_{steps}_{seed}"
-    file = train_run(folder, config, "python experiments/mean_load_cost.py")
-    scores = score_policy(str(file), ROBOTS[robot](), COMMANDS, episodes, SEED)["by_command"]
-    return {
-        str(command): {metric: scores[metric]["value"][k] for metric in METRICS}
-        for k, command in enumerate(COMMANDS)
-    }
+    return score_by_command(str(file), ROBOTS[robot](), COMMANDS, METRICS, episodes, SEED)
 
 
 def tables(results: dict[str, Any]) -> dict[str, list[str]]:
@@ -102,9 +94,9 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
 def main() -> None:
     """Train, measure, and write the data and the table."""
     args = options(__doc__, seeds=3)
-    robots, steps, seeds, episodes = ROBOT_NAMES, STEPS, args.seeds, EPISODES
+    robots, seeds, steps, episodes = ROBOT_NAMES, args.seeds, None, EPISODES
     if args.quick:
-        robots, steps, seeds, episodes = robots[:1], 16_384, 1, 1
+        robots, seeds, steps, episodes = robots[:1], 1, ROLLOUT, 1
     runs = {
         robot: {
             reward: [train_and_score(robot, reward, seed, steps, episodes) for seed in range(seeds)]
@@ -112,7 +104,7 @@ def main() -> None:
         }
         for robot in robots
     }
-    results = {"steps": steps, "episodes": episodes, "seed": SEED, "runs": runs}
+    results = {"episodes": episodes, "seed": SEED, "runs": runs}
     publish(args.out, DATA, results, tables(results))
 
 

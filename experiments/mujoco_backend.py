@@ -19,6 +19,7 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import override
 
 from jansen_env.arrays import Array, Ints
 from jansen_env.dynamics.gravity import GRAVITY
@@ -63,6 +64,7 @@ class MujocoBatch(RigidBodyBatch):
         self._settings = settings or {}
         super().__init__(robot, terrain, time_step, *arguments, **others)
 
+    @override
     def _take_parameters(self) -> None:
         """Export the robot with the parameters of its episode."""
         super()._take_parameters()
@@ -81,6 +83,7 @@ class MujocoBatch(RigidBodyBatch):
         ground: Any = self._ground
         return to_mjcf(self._machine, ground, self.time_step, **self._settings)
 
+    @override
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Set the pose and the speeds of the bodies in MuJoCo, too."""
         super()._build(state, bristle)
@@ -90,6 +93,7 @@ class MujocoBatch(RigidBodyBatch):
         self.data.qvel[:2] = v[:2]
         put_hinges(self.data, self._machine, q, v)
 
+    @override
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
     ) -> None:
@@ -104,6 +108,7 @@ class MujocoBatch(RigidBodyBatch):
         state[1] += self._height
         return state
 
+    @override
     def _run(self, torque: float, earlier: float, switch: int, impulses: Array) -> None:
         """Simulate one time step for each impulse; pushes have no effect in MuJoCo."""
         data = self.data

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 ENV = "JansenWalkerBuilt-v0"
 STEPS = 655_360  # environment steps of a training: 80 rollouts of 256 x 32 steps
+ROLLOUT = 16_384  # environment steps of a rollout of the recipe of train.py: 256 x 64 steps
 
 
 def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: bool) -> Path:
@@ -52,6 +53,32 @@ def train_policy(folder: Path, robot: Robot, seed: int, command: str, quick: boo
         timesteps=2 * 8 * 32 if quick else STEPS,
         n_envs=8 if quick else None,
     )
+    return train_run(folder, config, command)
+
+
+def train_recipe(
+    folder: Path,
+    command: str,
+    env_kwargs: dict[str, Any] | None = None,
+    seed: int = 0,
+    steps: int | None = None,
+) -> Path:
+    """Train with the recipe of ``train.py`` unless the last model exists, and return its file.
+
+    Args:
+        folder: Folder of the run.
+        command: Command that started the experiment.
+        env_kwargs: Arguments of the environment. None for its defaults.
+        seed: Seed of the training.
+        steps: Number of environment steps. None for that of the recipe.
+
+    Raises:
+        ValueError: If the folder contains a finished run with another configuration.
+    """
+    from agents.training.config import new_config
+
+    file = training_folder(ENV) / "ppo.yml"
+    config = new_config(file, env_kwargs=env_kwargs, seed=seed, timesteps=steps)
     return train_run(folder, config, command)
 
 
@@ -125,3 +152,28 @@ def score_policy(
         {"policy": policy}, ENV, {"robot": robot}, commands=commands, episodes=episodes, seed=seed
     )
     return scores["policy"]
+
+
+def score_by_command(
+    name: str,
+    robot: Robot,
+    commands: tuple[float, ...],
+    metrics: Iterable[str],
+    episodes: int,
+    seed: int,
+) -> dict[str, dict[str, float | None]]:
+    """Return the means of some metrics of a policy, by command and metric.
+
+    Args:
+        name: Name of a baseline or of a pretrained policy, or the file of a policy.
+        robot: Robot on which the policy is tested.
+        commands: Commanded speeds, in m/s.
+        metrics: Names of the metrics.
+        episodes: Number of episodes per command.
+        seed: Seed of the initial states.
+    """
+    scores = score_policy(name, robot, commands, episodes, seed)["by_command"]
+    return {
+        str(command): {metric: scores[metric]["value"][k] for metric in metrics}
+        for k, command in enumerate(commands)
+    }

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 import jansen_env
 from jansen_env.policies.pretrained import Features, Harmonics, Normalized, PretrainedPolicy
@@ -39,6 +40,7 @@ class Controller(nn.Module):
         super().__init__()
         self.policy = policy
 
+    @override
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Compute actions and torques.
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from typing_extensions import override
 
 from agents.training import training_state
 from agents.training.runs import BEST, best_score, read_evaluations, replay_path
@@ -76,6 +77,7 @@ class Saver(BaseCallback):
         self._begun = {name: clock() - last.get(name, 0.0) for name, clock in TIMES.items()}
         self._replay_buffer = replay_path(folder, done)  # file of the last complete checkpoint
 
+    @override
     def _on_rollout_start(self) -> None:
         if self._state is not None:
             # Stable-Baselines3 has sampled exploration noise since `restore_state`.
@@ -86,6 +88,7 @@ class Saver(BaseCallback):
             self._next_save += self.save_every
             self.save(self.folder / "checkpoints" / f"model_{steps}_steps.zip")
 
+    @override
     def _on_step(self) -> bool:
         if self.eval_every and self.num_timesteps >= self._next_eval:
             self._next_eval += self.eval_every
@@ -155,6 +158,7 @@ class NormalizerUpdate(BaseCallback):
         super().__init__()
         self._observations: NDArray[np.float32] | None = None
 
+    @override
     def _on_rollout_start(self) -> None:
         self._begun = self.model.num_timesteps
         if self._observations is None:
@@ -164,6 +168,7 @@ class NormalizerUpdate(BaseCallback):
                 module.update(torch.as_tensor(self._observations, device=module.mean.device))
         self._observations = None
 
+    @override
     def _on_rollout_end(self) -> None:
         # Copy the observations now. When the next rollout begins, Stable-Baselines3 has already
         # emptied the buffer.
@@ -180,6 +185,7 @@ class NormalizerUpdate(BaseCallback):
         size = flatdim(model.observation_space)
         self._observations = np.array(observations, np.float32).reshape(-1, size)
 
+    @override
     def _on_step(self) -> bool:
         return True
 
@@ -192,14 +198,18 @@ class UpdateThreads(BaseCallback):
     does not change a single bit of an update.
     """
 
+    @override
     def _on_rollout_start(self) -> None:
         torch.set_num_threads(1)
 
+    @override
     def _on_rollout_end(self) -> None:
         torch.set_num_threads(count_threads(self.training_env.num_envs, None))
 
+    @override
     def _on_training_end(self) -> None:
         torch.set_num_threads(1)
 
+    @override
     def _on_step(self) -> bool:
         return True

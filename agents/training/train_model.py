@@ -14,6 +14,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from typing_extensions import override
 
 from agents.training.callbacks import NormalizerUpdate, Saver, UpdateThreads
 from agents.training.config import training_envs
@@ -41,10 +42,12 @@ class TrainingReward(VecEnvWrapper):
         self.scale = scale
         self.fall_cost = fall_cost
 
+    @override
     def reset(self) -> VecEnvObs:
         """Reset all environments; return the observations."""
         return self.venv.reset()
 
+    @override
     def step_wait(self) -> VecEnvStepReturn:
         """Return the results of a step, with changed rewards."""
         observations, rewards, dones, infos = self.venv.step_wait()

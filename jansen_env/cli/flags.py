@@ -8,6 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
+from typing_extensions import override
+
 from jansen_env.checks import MAX_STEPS, invalid, listed
 from jansen_env.files import check_writable
 from jansen_env.registration import IDS
@@ -33,6 +35,7 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
 
+    @override
     def error(self, message: str) -> NoReturn:
         """Print an error and the usage, and exit with status 2.
 

@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from jansen_env import checks
 from jansen_env.arrays import Array, Bools
@@ -255,5 +256,6 @@ class Renderers(dict[int, Renderer]):
             renderer.close()
         self.clear()
 
+    @override
     def __reduce__(self) -> tuple[type[Renderers], tuple[()]]:
         return Renderers, ()  # a copy of an environment creates renderers of its own

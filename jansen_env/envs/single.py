@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from jansen_env.envs.arguments import (
     Renderers,
@@ -89,6 +90,7 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
         """Whether the window was closed, or could not be opened because there is no display."""
         return 0 in self._renderers and self._renderers[0].dismissed
 
+    @override
     def reset(
         self, *, seed: int | None = None, options: Values | None = None
     ) -> tuple[Observation, Values]:
@@ -124,6 +126,7 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
             self.render()
         return started
 
+    @override
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Values]:
         """Hold an action for ``control_dt`` seconds.
 
@@ -219,6 +222,7 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
         torques = {(RIGHT,): 1.0, (LEFT,): -1.0, (RIGHT, LEFT): 0.0}
         return {keys: np.full(1, torque, np.float32) for keys, torque in torques.items()}
 
+    @override
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the robot in its present state.
 
@@ -227,6 +231,7 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
         """
         return self._renderers.draw(self, 0)
 
+    @override
     def close(self) -> None:
         """Close the window, if there is one."""
         self._renderers.close()

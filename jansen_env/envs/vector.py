@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
-from typing_extensions import TypedDict
+from typing_extensions import TypedDict, override
 
 from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.checks import one_of, positive_integer, robot_index
@@ -126,6 +126,7 @@ class TaskVectorEnv(
         """Torque of the action 1 of the first robot, in N m."""
         return self.robot.motor.torque_limit
 
+    @override
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Values | None = None
     ) -> tuple[Observations, Values]:
@@ -197,6 +198,7 @@ class TaskVectorEnv(
         self._done[which] = False
 
     @exclusive
+    @override
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observations, Array, Bools, Bools, Values]:
@@ -349,11 +351,13 @@ class TaskVectorEnv(
         return generator
 
     @property  # type: ignore[misc]
+    @override
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The random number generator of each robot."""
         return tuple(self._generator(i) for i in range(self.num_envs))
 
     @property
+    @override
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each robot; -1 for a robot without a seed."""
         return tuple(self._seeds)
@@ -429,6 +433,7 @@ class TaskVectorEnv(
         for change in [self.task.checked(i, **{name: value}) for i, value in enumerate(values)]:
             change()  # only after all values have been checked
 
+    @override
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of each robot, shape (H, W, 3), or None without a ``render_mode``."""
         pictures = [self._renderers.draw(self, 0)]
@@ -436,6 +441,7 @@ class TaskVectorEnv(
             return None
         return (*pictures, *(self._renderers.draw(self, i) for i in range(1, self.num_envs)))
 
+    @override
     def close_extras(self, **kwargs: object) -> None:
         """Close the renderers and stop the threads.
 

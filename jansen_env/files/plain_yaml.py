@@ -15,6 +15,7 @@ from types import NoneType
 from typing import Any, NamedTuple
 
 import yaml
+from typing_extensions import override
 
 from jansen_env.checks import HINT, LONGEST, invalid
 from jansen_env.files import read_bounded
@@ -33,12 +34,14 @@ IN_WORDS = {
 class _Loader(yaml.SafeLoader):
     """Safe loader that rejects aliases, and keys that are repeated or not text."""
 
+    @override
     def compose_node(self, parent: Any, index: int) -> Any:
         if self.check_event(yaml.AliasEvent):  # a few aliases can expand to gigabytes
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(problem="aliases are not allowed", problem_mark=mark)
         return super().compose_node(parent, index)
 
+    @override
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, object]:
         keys = [key.value for key, _ in node.value]
         for i, (key, _) in enumerate(node.value):
@@ -130,6 +133,7 @@ class Rule(NamedTuple):
         if not allowed:
             raise invalid(name, value, self)
 
+    @override
     def __str__(self) -> str:
         parts = [text for kind, text in IN_WORDS.items() if kind in self.types]
         if {int, float} & {*self.types}:

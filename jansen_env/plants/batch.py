@@ -194,6 +194,7 @@ class Batch(BatchedPlant):
         return self._arrays.tables
 
     @property
+    @override
     def surface(self) -> Array:
         """Vertices of all terrains, in m, shape (vertices, 2).
 

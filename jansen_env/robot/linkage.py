@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from typing_extensions import override
 
 from jansen_env.arrays import Ints
 from jansen_env.checks import AtLeast, Rule, check_limits, entries, instance, invalid, shown
@@ -38,6 +39,7 @@ class Pin(NamedTuple):
     body: int
     other: int
 
+    @override
     def __str__(self) -> str:
         return f"{self.joint}{self.other}{self.body}"
 

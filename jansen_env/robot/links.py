@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
+from typing_extensions import override
 
 from jansen_env import checks
 from jansen_env.arrays import Array
@@ -286,11 +287,13 @@ class Plate(RigidLink):
         return cls(tuple((float(a - x), float(b - y)) for a, b in places), mass, float(inertia))
 
     @property
+    @override
     def joints(self) -> int:
         """Number of joints."""
         return len(self.points)
 
     @property
+    @override
     def places(self) -> Array:
         """Positions of the joints in the axes of the plate, in m, shape (joints, 2)."""
         return np.array(self.points)

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias, get_args, get_origin
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from typing_extensions import override
 
 from jansen_env.checks import MAX_STEPS, invalid, named_errors, one_of, shown
 from jansen_env.files.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
@@ -32,6 +33,7 @@ with suppress(ImportError):  # the extra "train" installs sb3_contrib
         The original counts a step of all robots once per robot.
         """
 
+        @override
         def _trigger_callback(
             self, _locals: Any, _globals: Any, callback: BaseCallback, n_envs: int
         ) -> None:

@@ -18,6 +18,7 @@ import torch
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from typing_extensions import override
 
 from jansen_env.arrays import Array
 from jansen_env.checks import named_errors, one_line, whole_number
@@ -283,6 +284,7 @@ class NormalizedObservation(BaseFeaturesExtractor):
         matrix = None if image is None else torch.from_numpy(image).float()
         self.register_buffer("image", matrix, persistent=False)
 
+    @override
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Return the features of observations.
 

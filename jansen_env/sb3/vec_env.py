@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor, ResultsWriter
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+from typing_extensions import override
 
 from jansen_env.checks import invalid, listed, positive_integer, robot_indices, whole_number
 from jansen_env.envs import arguments
@@ -222,11 +223,13 @@ class BatchVecEnv(WholeCopies, VecEnv):
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 
     @property
+    @override
     def lock(self) -> Any:
         """Lock of the robots' task, which is held while they move or change."""
         return self.env.lock
 
     @exclusive
+    @override
     def reset(self) -> NDArray[np.float32]:
         """Start new episodes of all robots, and return their observations, shape (n, d)."""
         seeds = self._seeds
@@ -237,6 +240,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
         self.reset_infos[:] = map(self.env.task.information.single, range(self.num_envs))
         return observations
 
+    @override
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Store the actions for :meth:`step_wait`.
 
@@ -246,6 +250,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
         self._actions = actions
 
     @exclusive
+    @override
     def step_wait(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[Infos]]:
@@ -301,10 +306,12 @@ class BatchVecEnv(WholeCopies, VecEnv):
             self.env.set_state(i, {k: v for k, v in state.items() if k != "elapsed"})
         self.env._elapsed[:] = elapsed
 
+    @override
     def close(self) -> None:
         """Close the robots' environment."""
         self.env.close()
 
+    @override
     def _get_indices(self, indices: object) -> list[int]:
         """Return indices of robots.
 
@@ -313,10 +320,12 @@ class BatchVecEnv(WholeCopies, VecEnv):
         """
         return robot_indices(indices, self.num_envs)
 
+    @override
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return a picture of each robot, shape (H, W, 3), or None without a ``render_mode``."""
         return self.env.render() or [None] * self.num_envs
 
+    @override
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
         """Return an attribute of each selected robot.
 
@@ -328,6 +337,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
         return [values[i] for i in self._get_indices(indices)]
 
     @exclusive
+    @override
     def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Change a parameter of robots. A new speed command applies from the next episode on.
 
@@ -343,6 +353,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
         for change in [checked(i, **{attr_name: value}) for i in robots]:
             change()  # only after the value has been checked for all robots
 
+    @override
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: object
     ) -> list[object]:
@@ -359,6 +370,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
         robots = self._get_indices(indices)
         return [self.env.call_one(i, method_name, *method_args, **kwargs) for i in robots]
 
+    @override
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:

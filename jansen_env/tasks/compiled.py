@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from jansen_env.arrays import Array, Bools
 from jansen_env.tasks.task import CommandedTask
@@ -39,14 +40,17 @@ class CompiledTask(CommandedTask):
         super().__init__(settings, threads)
         self.world.plant.engine_settings["fully_compiled"] = self.fully_compiled
 
+    @override
     def observe(self) -> Mapping[str, Array]:
         """Return the observations that the kernel does not fill. By default there are none."""
         return {}
 
+    @override
     def reward(self) -> Array:
         """Return the rewards that the kernel has computed, shape (n,)."""
         return self.rewards
 
+    @override
     def terminated(self) -> Bools:
         """Return whether each episode is over according to the kernel, shape (n,)."""
         return self.ended

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import MOST_SINGLE, invalid, listed, number_range, robot_index, within
@@ -523,6 +524,7 @@ class CommandedTask(Task):
         self.speed_command = np.array(settings.speed_command, float)
         super().__init__(settings, threads)
 
+    @override
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
         """Sample the command of a robot, unless an option of the reset sets it."""
         low, high = self.speed_command[i].tolist()
@@ -530,6 +532,7 @@ class CommandedTask(Task):
         command = option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
         return {"speed_command": command}
 
+    @override
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check a new range of commands, and return a function that applies it.
 

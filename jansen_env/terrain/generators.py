@@ -13,6 +13,7 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
+from typing_extensions import override
 
 from jansen_env import checks
 from jansen_env.engine.ground_lines import (
@@ -149,6 +150,7 @@ class NamedGenerator:
             make(*random, **values)
         self(np.random.default_rng(0), level)
 
+    @override
     def __str__(self) -> str:
         """Return the specification as text, such as ``"stairs:rise=0.02"``."""
         given = ",".join(f"{key}={value:g}" for key, value in self.given)

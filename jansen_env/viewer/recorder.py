@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.spaces.utils import flatten
 from gymnasium.utils import RecordConstructorArgs
+from typing_extensions import override
 
 from jansen_env.checks import shown
 from jansen_env.envs.single import SingleEnv
@@ -84,6 +85,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             raise gym.error.ResetNeeded("reset() and then step() must be called first")
         return Recording(**{**self._frames, **self._episode, "label": self.label})
 
+    @override
     def reset(
         self, *, seed: int | None = None, options: Values | None = None
     ) -> tuple[Observation, Values]:
@@ -98,6 +100,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         self._begin(observation, info, seed, options)
         return observation, info
 
+    @override
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, Values]:
         """Step the environment and record the step.
 

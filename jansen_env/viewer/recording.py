@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from jansen_env.arrays import Array
 from jansen_env.checks import instance, named_errors, one_line, one_of, printable, shown
@@ -200,6 +201,7 @@ class Recording:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    @override
     def __repr__(self) -> str:
         return f"<Recording {self.label!r} of {self.env_id}: {self.steps} steps>"
 

@@ -579,7 +579,8 @@ class RigidBodyBatch(BatchedPlant):
             bristle = np.append(deflection[:, 1], np.zeros(len(self._colliding)))
             self._memory = self._space.state, self.in_contact, bristle
 
-    @property
+    @property  # type: ignore[explicit-override]  # mypy overlooks it at a property with a setter
+    @override
     def in_contact(self) -> Bools:
         """Whether each pad is on the ground, shape (pads,).
 

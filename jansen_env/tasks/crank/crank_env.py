@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from typing_extensions import Unpack
+from typing_extensions import Unpack, override
 
 from jansen_env.arrays import Array, Bools
 from jansen_env.checks import non_negative
@@ -106,12 +106,14 @@ class CrankTask(CommandedTask):
         """Reference minus crank angle of each robot, in rad, shape (n,)."""
         return self.reference - self.world.crank_angle
 
+    @override
     def observe(self) -> Mapping[str, Array]:
         """Return the tracking error and the command of each robot."""
         error = self.tracking_error
         self.keep(tracking_error=error)
         return {"tracking_error": error, "speed_command": self.info["speed_command"]}
 
+    @override
     def reward(self) -> Array:
         """Return the reward for following the reference with a small torque."""
         close = tracking(self.tracking_error, self._weights[0])
@@ -130,10 +132,12 @@ class CrankTask(CommandedTask):
         lost = (np.abs(self.tracking_error) > LOST) | self.truncated
         self.keep(rms_error=rms, is_success=(rms <= CLOSE) & ~lost)
 
+    @override
     def terminated(self) -> Bools:
         """Return whether each robot has lost its reference, which ends the episode."""
         return np.abs(self.tracking_error) > LOST
 
+    @override
     def scene(self, i: int) -> Values:
         """Return the arguments of the renderer for a robot.
 

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias, cast
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from jansen_env.arrays import Array
 from jansen_env.checks import invalid
@@ -125,6 +126,7 @@ class GoalConditioned(
         """
         return bool(info["diverged"])
 
+    @override
     def observation(self, observation: NDArray[Any]) -> GoalObservation:
         """Return the observation of the wrapper.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from typing_extensions import Unpack
+from typing_extensions import Unpack, override
 
 from jansen_env.arrays import Array, Bools
 from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
@@ -99,11 +99,13 @@ class GoalTask(Task):
         self._exponent = settings.energy_weight
         super().__init__(settings, threads)
 
+    @override
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
         """Sample the position of the goal, in m, unless an option of the reset sets it."""
         goal = uniform(rng, -FARTHEST, FARTHEST)
         return {"goal": option(options, "goal", goal, -FARTHEST, FARTHEST)}
 
+    @override
     def _checks_of_state(self) -> dict[str, Check]:
         """Return checks of the values of :attr:`INFO` in a saved state."""
         return {
@@ -112,6 +114,7 @@ class GoalTask(Task):
             "task.info.held": partial(within, low=0.0, high=MOST_SINGLE),
         }
 
+    @override
     def frame(self, i: int) -> Frame:
         """Return the picture data of a robot as it is now, with its goal."""
         return replace(super().frame(i), goal=float(self.info["goal"][i]))
@@ -121,12 +124,14 @@ class GoalTask(Task):
         """Signed distance from each robot to its goal, in m, shape (n,); positive towards +x."""
         return self.info["goal"] - self.world.x_position
 
+    @override
     def observe(self) -> Mapping[str, Array]:
         """Return the signed distance from each robot to its goal."""
         distance = self.distance
         self.keep(distance=distance)
         return {"goal_distance": distance}
 
+    @override
     def reward(self) -> Array:
         """Return the reward for being near and standing at the goal, with little motor power."""
         distance = np.abs(self.distance)
@@ -140,6 +145,7 @@ class GoalTask(Task):
         self.keep(closeness=close, arrival=arrival, energy=saving)
         return (close + arrival) * saving
 
+    @override
     def terminated(self) -> Bools:
         """Return whether each robot has fallen, which ends the episode."""
         tipped = np.abs(self.world.pitch) > FALLEN_PITCH

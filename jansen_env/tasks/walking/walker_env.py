@@ -233,8 +233,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     n is the number of toes (4: rf, lf, rb, lb). At a reset, the loads are those at rest. The crank
     angle and the crank speed have the sign of the action: with a positive speed, the robot walks
     towards +x. (In ``info`` they have their physical signs.) The reward is computed from the lag,
-    the means and the RMS torque. With ``mean_load_cost``, it also depends on a mean that no observation
-    contains, see Rewards. With ``noise``, the observed lag and means are computed from
+    the means and the RMS torque. With ``mean_load_cost``, it also depends on a mean that no
+    observation contains, see Rewards. With ``noise``, the observed lag and means are computed from
     measurements, and the mean slip is 0.
 
     With ``height_scan=(behind, ahead, count)``, the terrain is scanned at ``count`` positions,
